@@ -1,0 +1,34 @@
+# MPI with mpi_f08, parallel HDF5 with its Fortran modules, METIS with 32-bit indices.
+set(dosui_debian_hint "On Debian: apt install")
+
+find_package(MPI COMPONENTS Fortran)
+if(NOT MPI_Fortran_FOUND)
+  message(FATAL_ERROR "dosui needs MPI for Fortran. ${dosui_debian_hint} libopenmpi-dev openmpi-bin")
+endif()
+if(NOT MPI_Fortran_HAVE_F08_MODULE)
+  message(FATAL_ERROR "dosui needs the module mpi_f08, which this MPI (${MPI_Fortran_COMPILER}) lacks")
+endif()
+
+set(HDF5_PREFER_PARALLEL ON)
+find_package(HDF5 COMPONENTS Fortran)
+if(NOT HDF5_FOUND OR NOT HDF5_IS_PARALLEL)
+  message(FATAL_ERROR "dosui needs parallel HDF5 with Fortran modules (found: '${HDF5_VERSION}', \
+parallel: '${HDF5_IS_PARALLEL}'). ${dosui_debian_hint} libhdf5-openmpi-dev; elsewhere set HDF5_ROOT")
+endif()
+add_library(dosui_hdf5 INTERFACE)
+target_include_directories(dosui_hdf5 SYSTEM INTERFACE ${HDF5_Fortran_INCLUDE_DIRS})
+target_link_libraries(dosui_hdf5 INTERFACE ${HDF5_Fortran_LIBRARIES})
+
+find_library(METIS_LIBRARY metis HINTS ENV METIS_ROOT PATH_SUFFIXES lib lib64)
+find_path(METIS_INCLUDE_DIR metis.h HINTS ENV METIS_ROOT PATH_SUFFIXES include include/metis)
+if(NOT METIS_LIBRARY OR NOT METIS_INCLUDE_DIR)
+  message(FATAL_ERROR "dosui needs METIS 5. ${dosui_debian_hint} libmetis-dev; elsewhere set METIS_ROOT \
+or CMAKE_PREFIX_PATH")
+endif()
+file(STRINGS ${METIS_INCLUDE_DIR}/metis.h metis_width REGEX "^ *#define +IDXTYPEWIDTH")
+if(metis_width AND NOT metis_width MATCHES "32")
+  message(FATAL_ERROR "dosui needs METIS with 32-bit indices, but ${METIS_INCLUDE_DIR}/metis.h says: \
+${metis_width}")
+endif()
+add_library(dosui_metis INTERFACE)
+target_link_libraries(dosui_metis INTERFACE ${METIS_LIBRARY})

@@ -1,0 +1,121 @@
+!! Time steps: named limits, the smallest of which decides, and soft landings on output times.
+module dosui_time_control
+  use dosui_kinds, only: wp
+  use dosui_scene, only: time_t
+  implicit none
+  private
+
+  integer, parameter :: name_width = 48
+  real(wp), parameter :: landing_tolerance = 1.0e-9_wp   !! of a step [-]
+
+  type, public :: step_limit_t
+    !! One limit of the time step, with the name that the user sees.
+    character(len=name_width) :: name = ''
+    real(wp) :: dt = huge(1.0_wp)           !! [s]
+  end type step_limit_t
+
+  type, public :: time_control_t
+    !! The clock of a run.
+    real(wp) :: time = 0.0_wp               !! [s]
+    real(wp) :: dt = 0.0_wp                 !! current step [s]
+    integer :: step = 0                     !! steps done
+    integer :: output = 0                   !! outputs written
+    real(wp), allocatable :: output_time(:) !! increasing, last one is the end [s]
+    type(step_limit_t) :: limit             !! what decided the current step
+  contains
+    procedure :: init => time_control_init
+    procedure :: choose_step => time_control_choose_step
+    procedure :: advance => time_control_advance
+    procedure :: at_output => time_control_at_output
+    procedure :: finished => time_control_finished
+  end type time_control_t
+
+contains
+
+  subroutine time_control_init(self, options)
+    !! Collects the output times: the given ones, the multiples of the interval, and the end.
+    class(time_control_t), intent(inout) :: self
+    type(time_t), intent(in) :: options
+    real(wp), allocatable :: times(:)
+    integer :: k, n
+
+    allocate (times(0))
+    if (allocated(options%output_times)) times = options%output_times
+    if (options%output_interval > 0.0_wp) then
+      n = int(options%end_time/options%output_interval*(1.0_wp + landing_tolerance))
+      times = [times, (options%output_interval*real(k, wp), k=1, n)]
+    end if
+    times = [times, options%end_time]
+    self%output_time = sorted_distinct(times, landing_tolerance*options%end_time)
+    self%time = 0.0_wp
+    self%step = 0
+    self%output = 0
+  end subroutine time_control_init
+
+  pure function sorted_distinct(values, tolerance) result(sorted)
+    !! Increasing values, those closer than the tolerance to the one before left out.
+    real(wp), intent(in) :: values(:)
+    real(wp), intent(in) :: tolerance
+    real(wp), allocatable :: sorted(:)
+    real(wp) :: next, last
+
+    allocate (sorted(0))
+    last = -huge(1.0_wp)
+    do
+      if (.not. any(values > last + tolerance)) exit
+      next = minval(values, mask=values > last + tolerance)
+      sorted = [sorted, next]
+      last = next
+    end do
+  end function sorted_distinct
+
+  pure subroutine time_control_choose_step(self, options, limits)
+    !! Takes the smallest limit, then divides the way to the next output into equal steps.
+    class(time_control_t), intent(inout) :: self
+    type(time_t), intent(in) :: options
+    type(step_limit_t), intent(in) :: limits(:)   !! stability limits, already times Courant number
+    real(wp) :: remaining
+    integer :: smallest
+
+    smallest = minloc(limits%dt, dim=1)
+    self%limit = limits(smallest)
+    if (options%time_step > 0.0_wp) then
+      self%limit%name = 'time_step of the scene'
+      self%limit%dt = options%time_step
+    end if
+    if (options%largest_step < self%limit%dt) then
+      self%limit%name = 'largest_step of the scene'
+      self%limit%dt = options%largest_step
+    end if
+    remaining = self%output_time(self%output + 1) - self%time
+    self%dt = remaining/max(1.0_wp, &
+                            aint(remaining/self%limit%dt*(1.0_wp - landing_tolerance)) + 1.0_wp)
+  end subroutine time_control_choose_step
+
+  pure subroutine time_control_advance(self)
+    !! Moves the clock by one step, exactly onto an output time when it is reached.
+    class(time_control_t), intent(inout) :: self
+    real(wp) :: target
+
+    self%step = self%step + 1
+    target = self%output_time(self%output + 1)
+    self%time = self%time + self%dt
+    if (abs(target - self%time) < 1.0e-6_wp*self%dt) self%time = target
+  end subroutine time_control_advance
+
+  pure logical function time_control_at_output(self) result(reached)
+    !! Has the next output time been reached?
+    class(time_control_t), intent(in) :: self
+
+    reached = .false.
+    if (self%output < size(self%output_time)) &
+      reached = self%time >= self%output_time(self%output + 1)
+  end function time_control_at_output
+
+  pure logical function time_control_finished(self) result(finished)
+    !! Have all outputs been written?
+    class(time_control_t), intent(in) :: self
+
+    finished = self%output >= size(self%output_time)
+  end function time_control_finished
+end module dosui_time_control

@@ -1,0 +1,222 @@
+!! What a scene asks for: plain types with defaults, filled by `dosui_scene_reader` or by hand.
+!!
+!! Vectors hold the components of the scene's dimension: (z) in 1-D, (x, z) in 2-D, (x, y, z) in 3-D.
+module dosui_scene
+  use dosui_kinds, only: wp
+  use dosui_dimension, only: ndim, nsig
+  implicit none
+  private
+
+  integer, parameter, public :: name_length = 64   !! characters of a name in a scene
+
+  type, public :: table_t
+    !! A function of time: linear between entries, constant before the first and after the last.
+    real(wp), allocatable :: time(:)    !! strictly increasing [s]
+    real(wp), allocatable :: value(:)   !! same length, unit of the quantity
+  contains
+    procedure :: at => table_at
+    procedure :: integral => table_integral
+  end type table_t
+
+  type, public :: region_t
+    !! A shape filled with particles of one material on a regular lattice.
+    character(len=name_length) :: name = ''
+    character(len=name_length) :: material = ''
+    character(len=name_length) :: shape = 'box'      !! 'box' or 'polygon' (2-D only)
+    real(wp) :: box_min(ndim) = 0.0_wp               !! lower corner before turning [m]
+    real(wp) :: box_max(ndim) = 0.0_wp               !! upper corner before turning [m]
+    real(wp), allocatable :: vertices(:, :)          !! (ndim, n) polygon corners, counter-clockwise [m]
+    real(wp) :: particle_spacing = 0.0_wp            !! lattice spacing [m]; 0: grid spacing / particles_per_cell
+    integer :: particles_per_cell = 2                !! per direction
+    real(wp) :: jitter = 0.0_wp                      !! random shift, fraction of the spacing [-]
+    integer :: jitter_seed = 1
+    real(wp) :: shape_angle = 0.0_wp                 !! turn of the shape about pivot, x towards z [deg]
+    real(wp) :: lattice_angle = 0.0_wp               !! turn of the particle lattice, x towards z [deg]
+    real(wp) :: pivot(ndim) = 0.0_wp                 !! centre of both turns [m]
+    real(wp) :: velocity(ndim) = 0.0_wp              !! initial velocity [m/s]
+  end type region_t
+
+  type, public :: material_t
+    character(len=name_length) :: name = ''
+    character(len=name_length) :: model = 'linear_elastic'
+    real(wp) :: young_modulus = 0.0_wp               !! drained [Pa]
+    real(wp) :: poisson_ratio = 0.0_wp               !! drained [-]
+    real(wp) :: solid_density = 2650.0_wp            !! of the grains [kg/m3]
+    real(wp) :: porosity = 0.3_wp                    !! initial [-]
+    real(wp) :: hydraulic_conductivity = 0.0_wp      !! k [m/s]
+    logical :: rigid = .false.                       !! skeleton does not move: pure seepage
+  end type material_t
+
+  type, public :: water_t
+    real(wp) :: density = 1000.0_wp                  !! [kg/m3]
+    real(wp) :: bulk_modulus = 2.2e9_wp              !! K_w [Pa]
+    real(wp) :: unit_weight = 9810.0_wp              !! gamma_w that k and heads refer to [N/m3]
+    character(len=name_length) :: operator = 'compact'   !! 'compact' or 'two_pass'
+    real(wp) :: support_radius = 2.4_wp              !! neighbourhood, in particle spacings [-]
+    real(wp) :: rebuild_displacement = 0.1_wp        !! rebuild when a particle moved this, in spacings [-]
+    real(wp) :: cell_storage = 1.0_wp                !! tau_i: projection storage inside a cell [-]
+    real(wp) :: block_storage = 0.25_wp              !! tau_m: projection storage inside 2x2(x2) cells [-]
+    character(len=name_length) :: stepping = 'auto'  !! 'single', 'subcycle', 'rkl2' or 'auto'
+  end type water_t
+
+  type, public :: mechanics_t
+    character(len=name_length) :: transfer = 'apic'  !! 'flip', 'apic', 'pic' or 'blend'
+    real(wp) :: flip_fraction = 0.99_wp              !! for 'blend': rest is PIC [-]
+    logical :: average_volume_change = .true.        !! cell average of volume change (B-bar) for skeleton and water
+    character(len=name_length) :: coupling_gradient = 'auto'   !! 'particle', 'cell_centre' or 'auto'
+    character(len=name_length) :: damping = 'none'   !! 'none', 'viscous' or 'local'
+    real(wp) :: damping_coefficient = -1.0_wp        !! viscous [1/s], local [-]; negative: chosen from the scene
+    real(wp) :: density_scaling = 1.0_wp             !! factor on inertia only [-]
+    real(wp) :: penalty = 1.0_wp                     !! wall stiffness in units of modulus / spacing [-]
+  end type mechanics_t
+
+  type, public :: initial_state_t
+    character(len=name_length) :: region = ''        !! empty: every region
+    character(len=name_length) :: pore_pressure = 'zero'      !! 'zero', 'hydrostatic', 'given' or 'checkerboard'
+    real(wp) :: water_level = 0.0_wp                 !! elevation of zero pressure for 'hydrostatic' [m]
+    real(wp) :: pore_pressure_value = 0.0_wp         !! for 'given', amplitude for 'checkerboard' [Pa]
+    character(len=name_length) :: effective_stress = 'zero'   !! 'zero', 'geostatic' or 'given'
+    real(wp) :: surface_level = 0.0_wp               !! elevation of zero effective stress for 'geostatic' [m]
+    real(wp) :: lateral_ratio = 0.5_wp               !! K_0 for 'geostatic' [-]
+    real(wp) :: effective_stress_value(6) = 0.0_wp   !! xx yy zz xy yz zx for 'given', tension positive [Pa]
+    real(wp) :: mode_amplitude = 0.0_wp              !! initial velocity v = a sin(pi (2 m - 1) z / (2 H)) [m/s]
+    integer :: mode_number = 0                       !! m of the line above; 0: none
+  end type initial_state_t
+
+  type, public :: surface_t
+    !! Part of the boundary of a region, selected by face and optionally cut by a box.
+    character(len=name_length) :: name = ''
+    character(len=name_length) :: region = ''
+    character(len=name_length) :: face = ''          !! 'x-', 'x+', 'y-', 'y+', 'z-', 'z+', 'all' or 'edge1'...
+    real(wp) :: box_min(ndim) = -huge(1.0_wp)        !! keep only points above [m]
+    real(wp) :: box_max(ndim) = huge(1.0_wp)         !! keep only points below [m]
+  end type surface_t
+
+  type, public :: mechanical_condition_t
+    character(len=name_length) :: surface = ''
+    character(len=name_length) :: kind = ''          !! 'roller', 'fixed', 'velocity', 'traction', 'pressure' or 'plate'
+    character(len=name_length) :: imposition = 'auto'   !! 'nodes', 'penalty' or 'auto'
+    real(wp) :: value(ndim) = 0.0_wp
+    !! velocity [m/s]; traction [Pa]; pressure: first component, positive into the body [Pa];
+    !! plate: first component, total force into the body [N, per m thickness in 2-D, per m2 in 1-D]
+    type(table_t) :: factor                          !! multiplies value over time; unallocated: 1
+  end type mechanical_condition_t
+
+  type, public :: hydraulic_condition_t
+    character(len=name_length) :: surface = ''
+    character(len=name_length) :: kind = ''          !! 'head', 'pressure', 'flux' or 'no_flow'
+    real(wp) :: value = 0.0_wp                       !! head [m]; pressure [Pa]; flux: outward Darcy flux [m/s]
+    type(table_t) :: factor                          !! multiplies value over time; unallocated: 1
+  end type hydraulic_condition_t
+
+  type, public :: probe_t
+    character(len=name_length) :: name = ''
+    character(len=name_length) :: kind = ''          !! 'point', 'surface_mean', 'settlement' or 'domain_sum'
+    character(len=name_length) :: field = ''         !! a field of the result file, e.g. 'pore_pressure'
+    integer :: component = 1                         !! of a vector or stress field, as in the result file
+    character(len=name_length) :: surface = ''       !! for 'surface_mean' and 'settlement'
+    real(wp) :: position(ndim) = 0.0_wp              !! for 'point' [m]
+  end type probe_t
+
+  type, public :: time_t
+    real(wp) :: end_time = 0.0_wp                    !! [s]
+    real(wp) :: output_interval = 0.0_wp             !! [s]; 0: only output_times and the end
+    real(wp), allocatable :: output_times(:)         !! [s]
+    real(wp) :: courant = 0.5_wp                     !! fraction of the stability limit [-]
+    real(wp) :: time_step = 0.0_wp                   !! fixed dt [s]; 0: chosen from the limits
+    real(wp) :: largest_step = huge(1.0_wp)          !! [s]
+    integer :: maximum_steps = huge(1)
+  end type time_t
+
+  type, public :: output_t
+    character(len=:), allocatable :: name            !! stem of the files; default: name of the scene's folder or file
+    character(len=:), allocatable :: directory       !! default: working directory
+    real(wp) :: history_interval = 0.0_wp            !! [s]; 0: about 1000 entries over the run
+    integer :: checkpoint_steps = 0                  !! 0: off
+    real(wp) :: checkpoint_minutes = 0.0_wp          !! 0: off
+    real(wp) :: progress_seconds = 5.0_wp            !! wall time between progress lines [s]
+  end type output_t
+
+  type, public :: verification_t
+    !! Exact solution that the postprocessing compares with; parameters not derivable from the scene.
+    character(len=name_length) :: case = ''          !! '', 'terzaghi', 'mandel', 'hydrostatic', 'bar' or 'drainage'
+    real(wp) :: load = 0.0_wp                        !! q [Pa] or F [N/m]
+    real(wp) :: length = 0.0_wp                      !! drainage length H or half width a [m]
+    real(wp) :: drained(ndim) = 0.0_wp               !! a point of the drained surface [m]
+    real(wp) :: direction(ndim) = 0.0_wp             !! from the drained surface into the body, unit vector [-]
+  end type verification_t
+
+  type, public :: scene_t
+    character(len=:), allocatable :: file            !! path of the namelist
+    character(len=:), allocatable :: text            !! its text as read
+    character(len=:), allocatable :: echo            !! every key with the value in force
+    character(len=:), allocatable :: title
+    character(len=name_length) :: water_mode = 'saturated'       !! 'none' or 'saturated'
+    character(len=name_length) :: integrator = 'explicit'
+    character(len=name_length) :: deformation = 'small_strain'   !! 'small_strain' or 'updated'
+    character(len=name_length) :: leaving_particles = 'stop'     !! 'stop' or 'remove'
+    real(wp) :: gravity(ndim) = 0.0_wp               !! [m/s2]
+    real(wp) :: grid_spacing = 0.0_wp                !! [m]
+    real(wp) :: grid_origin(ndim) = 0.0_wp           !! a node of the grid [m]
+    character(len=name_length) :: shape_function = 'linear'      !! 'linear', 'gimp' or 'bspline'
+    real(wp) :: domain_min(ndim) = -huge(1.0_wp)     !! particles outside have left [m]
+    real(wp) :: domain_max(ndim) = huge(1.0_wp)
+    type(time_t) :: time
+    type(mechanics_t) :: mechanics
+    type(water_t) :: water
+    type(output_t) :: output
+    type(verification_t) :: verification
+    type(region_t), allocatable :: region(:)
+    type(material_t), allocatable :: material(:)
+    type(initial_state_t), allocatable :: initial_state(:)
+    type(surface_t), allocatable :: surface(:)
+    type(mechanical_condition_t), allocatable :: mechanical_condition(:)
+    type(hydraulic_condition_t), allocatable :: hydraulic_condition(:)
+    type(probe_t), allocatable :: probe(:)
+  end type scene_t
+
+contains
+
+  pure real(wp) function table_at(self, time) result(value)
+    !! Value of the table at a time; 1 for an empty table, so that it can be a factor.
+    class(table_t), intent(in) :: self
+    real(wp), intent(in) :: time   !! [s]
+    integer :: k, n
+
+    value = 1.0_wp
+    if (.not. allocated(self%time)) return
+    n = size(self%time)
+    if (time <= self%time(1)) then
+      value = self%value(1)
+    else if (time >= self%time(n)) then
+      value = self%value(n)
+    else
+      k = count(self%time <= time)
+      value = self%value(k) + (self%value(k + 1) - self%value(k))* &
+              (time - self%time(k))/(self%time(k + 1) - self%time(k))
+    end if
+  end function table_at
+
+  pure real(wp) function table_integral(self, time) result(integral)
+    !! Integral of the table from 0 to a time [unit s].
+    class(table_t), intent(in) :: self
+    real(wp), intent(in) :: time   !! [s]
+    real(wp) :: left, right
+    integer :: k
+
+    if (.not. allocated(self%time)) then
+      integral = time
+      return
+    end if
+    integral = 0.0_wp
+    left = 0.0_wp
+    do k = 1, size(self%time)
+      right = min(max(self%time(k), 0.0_wp), time)
+      if (right > left) then
+        integral = integral + 0.5_wp*(right - left)*(self%at(left) + self%at(right))
+        left = right
+      end if
+    end do
+    if (time > left) integral = integral + (time - left)*self%at(time)
+  end function table_integral
+end module dosui_scene

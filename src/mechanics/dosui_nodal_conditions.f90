@@ -1,0 +1,185 @@
+!! Mechanical conditions imposed on grid nodes, for surfaces that lie on planes of grid nodes.
+!!
+!! A surface point qualifies when its normal is a coordinate direction and its plane holds grid
+!! nodes; the corner nodes of its cell on that plane, at most half a cell away, are then
+!! constrained. All other points are left to the penalty walls of `dosui_surface_forces`.
+module dosui_nodal_conditions
+  use dosui_kinds, only: wp
+  use dosui_dimension, only: ndim
+  use dosui_error, only: error_t
+  use dosui_communicator, only: communicator_t
+  use dosui_grid, only: grid_t
+  use dosui_scene, only: mechanical_condition_t
+  implicit none
+  private
+
+  public :: point_on_grid_plane
+
+  real(wp), parameter :: plane_tolerance = 1.0e-6_wp   !! of the grid spacing [-]
+
+  type, public :: nodal_conditions_t
+    !! Constrained node components, and rigid plates: sets of nodes with one normal velocity.
+    integer :: n_constraint = 0
+    integer, allocatable :: node(:)            !! constrained node of each constraint
+    integer, allocatable :: direction(:)       !! its constrained component
+    integer, allocatable :: condition(:)       !! the mechanical condition it comes from
+    real(wp), allocatable :: outward(:)        !! sign of the surface's outward normal [-]
+    logical, allocatable :: plate(:)           !! constraint belongs to a rigid plate
+    integer, allocatable :: plate_condition(:) !! conditions that are plates on nodes
+  contains
+    procedure :: init => nodal_conditions_init
+    procedure :: apply => nodal_conditions_apply
+  end type nodal_conditions_t
+
+contains
+
+  pure logical function point_on_grid_plane(position, normal, origin, spacing) result(on_plane)
+    !! Does a surface point lie on a plane of grid nodes that is normal to its own normal?
+    real(wp), intent(in) :: position(ndim)   !! of the point [m]
+    real(wp), intent(in) :: normal(ndim)     !! outward unit normal [-]
+    real(wp), intent(in) :: origin(ndim)     !! of the grid [m]
+    real(wp), intent(in) :: spacing          !! of the grid [m]
+    real(wp) :: plane
+    integer :: direction
+
+    direction = maxloc(abs(normal), dim=1)
+    plane = (position(direction) - origin(direction))/spacing
+    on_plane = abs(normal(direction)) > 1.0_wp - plane_tolerance .and. &
+               abs(plane - anint(plane)) < plane_tolerance
+  end function point_on_grid_plane
+
+  subroutine nodal_conditions_init(self, comm, conditions, grid, n_point, cell, position, normal, &
+                                   handled)
+    !! Finds the constrained nodes. Collective, because nodes are shared between ranks.
+    class(nodal_conditions_t), intent(inout) :: self
+    type(communicator_t), intent(in) :: comm
+    type(mechanical_condition_t), intent(in) :: conditions(:)
+    type(grid_t), intent(inout) :: grid
+    integer, intent(in) :: n_point
+    integer, intent(in) :: cell(n_point)              !! cell that holds each surface point, 0: none
+    real(wp), intent(in) :: position(ndim, n_point)   !! of the surface points [m]
+    real(wp), intent(in) :: normal(ndim, n_point)     !! outward unit normals [-]
+    logical, intent(in) :: handled(size(conditions), n_point)
+    !! point belongs to the condition and the condition is imposed on nodes there
+    real(wp), allocatable :: mark(:, :)
+    integer :: c, p, direction, k
+
+    if (allocated(self%node)) deallocate (self%node, self%direction, self%condition, &
+                                          self%outward, self%plate, self%plate_condition)
+    allocate (self%node(0), self%direction(0), self%condition(0), self%outward(0), self%plate(0))
+    self%n_constraint = 0
+    self%plate_condition = pack([(c, c=1, size(conditions))], conditions%kind == 'plate')
+    allocate (mark(ndim, grid%n_node))
+    do c = 1, size(conditions)
+      if (conditions(c)%kind == 'traction' .or. conditions(c)%kind == 'pressure') cycle
+      mark = 0.0_wp
+      do p = 1, n_point
+        if (.not. handled(c, p) .or. cell(p) == 0) cycle
+        call mark_nodes(grid, cell(p), position(:, p), normal(:, p), mark)
+      end do
+      call grid%node_map%scatter_add(comm, ndim, mark)
+      call grid%node_map%gather(comm, ndim, mark)
+      do direction = 1, ndim
+        call add_constraints(self, conditions(c), c, direction, &
+                             pack([(k, k=1, grid%n_node)], abs(mark(direction, :)) > 0.5_wp), mark)
+      end do
+    end do
+  end subroutine nodal_conditions_init
+
+  subroutine mark_nodes(grid, cell, position, normal, mark)
+    !! Marks the nodes of a cell that lie on a surface point's plane, within half a cell of it.
+    type(grid_t), intent(in) :: grid
+    integer, intent(in) :: cell
+    real(wp), intent(in) :: position(ndim)
+    real(wp), intent(in) :: normal(ndim)
+    real(wp), intent(inout) :: mark(:, :)   !! sign of the normal, summed over points
+    real(wp) :: distance(ndim)
+    integer :: corner, node, direction
+
+    direction = maxloc(abs(normal), dim=1)
+    do corner = 1, 2**ndim
+      node = grid%cell_node(corner, cell)
+      distance = abs((position - grid%origin)/grid%spacing - real(grid%node_index(:, node), wp))
+      if (distance(direction) > plane_tolerance) cycle
+      if (any(distance > 0.5_wp + plane_tolerance)) cycle
+      mark(direction, node) = mark(direction, node) + sign(1.0_wp, normal(direction))
+    end do
+  end subroutine mark_nodes
+
+  subroutine add_constraints(self, condition, index, direction, nodes, mark)
+    !! Appends the constraints of one condition and surface direction.
+    class(nodal_conditions_t), intent(inout) :: self
+    type(mechanical_condition_t), intent(in) :: condition
+    integer, intent(in) :: index, direction
+    integer, intent(in) :: nodes(:)
+    real(wp), intent(in) :: mark(:, :)
+    integer :: component, k
+    logical :: all_components
+
+    all_components = condition%kind == 'fixed' .or. condition%kind == 'velocity'
+    do component = 1, ndim
+      if (component /= direction .and. .not. all_components) cycle
+      self%node = [self%node, nodes]
+      self%direction = [self%direction, spread(component, 1, size(nodes))]
+      self%condition = [self%condition, spread(index, 1, size(nodes))]
+      self%outward = [self%outward, &
+                      [(sign(1.0_wp, mark(direction, nodes(k))), k=1, size(nodes))]]
+      self%plate = [self%plate, spread(condition%kind == 'plate', 1, size(nodes))]
+    end do
+    self%n_constraint = size(self%node)
+  end subroutine add_constraints
+
+  subroutine nodal_conditions_apply(self, comm, conditions, grid, time, dt, mass, velocity_old, &
+                                    velocity)
+    !! Overwrites the constrained components of the nodal velocities before and after the step.
+    !!
+    !! A plate's nodes share V with (sum m) dV/dt = sum f - F, all along the outward normal: the
+    !! nodal velocities already hold sum f, so V = (sum m v - dt F) / sum m.
+    class(nodal_conditions_t), intent(in) :: self
+    type(communicator_t), intent(in) :: comm
+    type(mechanical_condition_t), intent(in) :: conditions(:)
+    type(grid_t), intent(in) :: grid
+    real(wp), intent(in) :: time                          !! at the end of the step [s]
+    real(wp), intent(in) :: dt                            !! [s]
+    real(wp), intent(in) :: mass(grid%n_node)             !! nodal mass [kg]
+    real(wp), intent(inout) :: velocity_old(ndim, grid%n_node)   !! before the step [m/s]
+    real(wp), intent(inout) :: velocity(ndim, grid%n_node)       !! after the step [m/s]
+    real(wp), allocatable :: sums(:)
+    real(wp) :: factor, prescribed
+    integer :: k, c, slot
+
+    allocate (sums(3*size(self%plate_condition)), source=0.0_wp)
+    do k = 1, self%n_constraint
+      if (.not. self%plate(k) .or. .not. grid%node_map%is_owned(self%node(k))) cycle
+      slot = 3*(findloc(self%plate_condition, self%condition(k), dim=1) - 1)
+      sums(slot + 1) = sums(slot + 1) + mass(self%node(k))
+      sums(slot + 2) = sums(slot + 2) + mass(self%node(k))*self%outward(k)* &
+                       velocity_old(self%direction(k), self%node(k))
+      sums(slot + 3) = sums(slot + 3) + mass(self%node(k))*self%outward(k)* &
+                       velocity(self%direction(k), self%node(k))
+    end do
+    if (size(sums) > 0) call comm%sum_array(sums)
+    do k = 1, self%n_constraint
+      c = self%condition(k)
+      factor = conditions(c)%factor%at(time)
+      select case (conditions(c)%kind)
+      case ('plate')
+        slot = 3*(findloc(self%plate_condition, c, dim=1) - 1)
+        velocity_old(self%direction(k), self%node(k)) = self%outward(k)*sums(slot + 2)/ &
+                                                        sums(slot + 1)
+        prescribed = self%outward(k)*(sums(slot + 3) - dt*factor*conditions(c)%value(1))/ &
+                     sums(slot + 1)
+        velocity(self%direction(k), self%node(k)) = prescribed
+        cycle
+      case ('velocity')
+        prescribed = conditions(c)%value(self%direction(k))*factor
+      case ('normal_velocity')
+        prescribed = self%outward(k)*conditions(c)%value(1)*factor
+      case default
+        prescribed = 0.0_wp
+      end select
+      velocity_old(self%direction(k), self%node(k)) = prescribed
+      velocity(self%direction(k), self%node(k)) = prescribed
+    end do
+  end subroutine nodal_conditions_apply
+end module dosui_nodal_conditions

@@ -1,0 +1,245 @@
+!! Forces on surfaces of any orientation: tractions, and walls imposed by a penalty.
+!!
+!! Every surface point spreads its force with linear hats over the corner nodes of its cell. A
+!! node that carries too little mass for the area it would serve is left out and the other weights
+!! are scaled up, so that loads keep their total and no light node is shot away: an interior wall
+!! node has m / a = rho h / 2, and nodes below `light_node` rho h are dropped.
+!!
+!! A penalty wall is a spring kappa = penalty * modulus / h with a dashpot on the displacement of
+!! the surface point against the wall (Belytschko & Neal 1991 for the explicit penalty method).
+!! Its displacement error is stress / kappa, first order in h.
+module dosui_surface_forces
+  use dosui_kinds, only: wp
+  use dosui_dimension, only: ndim
+  use dosui_communicator, only: communicator_t
+  use dosui_grid, only: grid_t
+  use dosui_scene, only: mechanical_condition_t
+  implicit none
+  private
+
+  real(wp), parameter :: light_node = 0.1_wp       !! least m / (a rho h) of a loaded node [-]
+  real(wp), parameter :: dashpot_ratio = 0.2_wp    !! of critical damping of a wall node [-]
+
+  type, public :: surface_forces_t
+    !! Which surface points carry which condition, and how they spread forces over nodes.
+    integer :: n_point = 0
+    integer, allocatable :: node(:, :)         !! (2**ndim, n_point) corner nodes of the point's cell
+    real(wp), allocatable :: weight(:, :)      !! (2**ndim, n_point) share of each node, sum 1 or 0 [-]
+    integer, allocatable :: entry_point(:)     !! surface point of each entry
+    integer, allocatable :: entry_condition(:) !! mechanical condition of each entry
+    real(wp) :: stiffness = 0.0_wp             !! kappa of penalty walls [Pa/m]
+    real(wp) :: damping = 0.0_wp               !! dashpot of penalty walls [Pa s/m]
+    integer :: n_dropped = 0                   !! points that found no node with mass
+  contains
+    procedure :: init => surface_forces_init
+    procedure :: apply => surface_forces_apply
+    procedure :: point_velocity => surface_forces_point_velocity
+  end type surface_forces_t
+
+contains
+
+  subroutine surface_forces_init(self, comm, grid, n_point, cell, position, area, mass, density, &
+                                 modulus, penalty, handled)
+    !! Computes the weights of all surface points from the nodal masses at hand. Collective.
+    class(surface_forces_t), intent(inout) :: self
+    type(communicator_t), intent(in) :: comm
+    type(grid_t), intent(inout) :: grid
+    integer, intent(in) :: n_point
+    integer, intent(in) :: cell(n_point)              !! cell of each surface point, 0: none
+    real(wp), intent(in) :: position(ndim, n_point)   !! [m]
+    real(wp), intent(in) :: area(n_point)             !! [m2, m per m in 2-D, 1 in 1-D]
+    real(wp), intent(in) :: mass(grid%n_node)         !! complete nodal masses [kg]
+    real(wp), intent(in) :: density                   !! reference density of the body [kg/m3]
+    real(wp), intent(in) :: modulus                   !! stiffest undrained modulus of the body [Pa]
+    real(wp), intent(in) :: penalty                   !! wall stiffness factor [-]
+    logical, intent(in) :: handled(:, :)              !! (conditions, points) entries to be made
+    real(wp), allocatable :: served(:, :)
+    logical, allocatable :: usable(:)
+    integer :: p, c
+
+    self%n_point = n_point
+    if (allocated(self%weight)) deallocate (self%weight)
+    allocate (self%weight(2**ndim, n_point), source=0.0_wp)
+    if (allocated(self%node)) deallocate (self%node)
+    allocate (self%node(2**ndim, n_point), source=0)
+    allocate (served(1, grid%n_node), source=0.0_wp)
+    do p = 1, n_point
+      if (cell(p) == 0) cycle
+      self%node(:, p) = grid%cell_node(:, cell(p))
+      self%weight(:, p) = hat_weights(position(:, p), grid, self%node(1, p))
+      served(1, self%node(:, p)) = served(1, self%node(:, p)) + self%weight(:, p)*area(p)
+    end do
+    call grid%node_map%scatter_add(comm, 1, served)
+    call grid%node_map%gather(comm, 1, served)
+
+    usable = mass >= light_node*density*grid%spacing*served(1, :) .and. mass > 0.0_wp
+    self%n_dropped = 0
+    do p = 1, n_point
+      if (cell(p) == 0) cycle
+      call keep_usable(self%node(:, p), usable, mass, self%weight(:, p))
+      if (.not. any(self%weight(:, p) > 0.0_wp) .and. any(handled(:, p))) &
+        self%n_dropped = self%n_dropped + 1
+    end do
+
+    self%entry_point = pack([((p, c=1, size(handled, 1)), p=1, n_point)], &
+                            reshape(handled, [size(handled)]))
+    self%entry_condition = pack([((c, c=1, size(handled, 1)), p=1, n_point)], &
+                                reshape(handled, [size(handled)]))
+    self%stiffness = penalty*modulus/grid%spacing
+    self%damping = dashpot_ratio*sqrt(self%stiffness*density*grid%spacing)
+  end subroutine surface_forces_init
+
+  pure function hat_weights(position, grid, first_node) result(weight)
+    !! Linear hats of a cell's corner nodes (x fastest) at a position, clipped to the cell [-].
+    real(wp), intent(in) :: position(ndim)   !! [m]
+    type(grid_t), intent(in) :: grid
+    integer, intent(in) :: first_node        !! lowest corner of the cell
+    real(wp) :: weight(2**ndim)
+    real(wp) :: local(ndim)
+    integer :: corner, d
+
+    local = (position - grid%origin)/grid%spacing - real(grid%node_index(:, first_node), wp)
+    local = min(max(local, 0.0_wp), 1.0_wp)
+    do corner = 1, 2**ndim
+      weight(corner) = 1.0_wp
+      do d = 1, ndim
+        weight(corner) = weight(corner)*merge(local(d), 1.0_wp - local(d), btest(corner - 1, d - 1))
+      end do
+    end do
+  end function hat_weights
+
+  pure subroutine keep_usable(node, usable, mass, weight)
+    !! Drops the weights of unusable nodes and scales the others to sum 1. If none is left, the
+    !! heaviest node takes all, so that no load is lost while the point's cell holds any mass.
+    integer, intent(in) :: node(2**ndim)
+    logical, intent(in) :: usable(:)
+    real(wp), intent(in) :: mass(:)            !! nodal masses [kg]
+    real(wp), intent(inout) :: weight(2**ndim)
+    integer :: heaviest
+
+    where (.not. usable(node)) weight = 0.0_wp
+    if (sum(weight) > 1.0e-6_wp) then
+      weight = weight/sum(weight)
+    else
+      weight = 0.0_wp
+      heaviest = maxloc(mass(node), dim=1)
+      if (mass(node(heaviest)) > 0.0_wp) weight(heaviest) = 1.0_wp
+    end if
+  end subroutine keep_usable
+
+  subroutine surface_forces_apply(self, comm, conditions, time, area, normal, displacement, &
+                                  velocity, force)
+    !! Adds the forces of tractions and walls to the nodal forces. Collective when a plate is
+    !! imposed by penalty: the plate's displacement follows from its equilibrium.
+    class(surface_forces_t), intent(in) :: self
+    type(communicator_t), intent(in) :: comm
+    type(mechanical_condition_t), intent(in) :: conditions(:)
+    real(wp), intent(in) :: time                                 !! [s]
+    real(wp), intent(in) :: area(self%n_point)                   !! [m2]
+    real(wp), intent(in) :: normal(ndim, self%n_point)           !! outward [-]
+    real(wp), intent(in) :: displacement(ndim, self%n_point)     !! of the surface points [m]
+    real(wp), intent(in) :: velocity(ndim, self%n_point)         !! of the surface points [m/s]
+    real(wp), intent(inout) :: force(:, :)                       !! (ndim, n_node) nodal forces [N]
+    real(wp), allocatable :: plate_displacement(:)
+    real(wp) :: traction(ndim)
+    integer :: e, p, c, k
+
+    allocate (plate_displacement(size(conditions)))
+    call solve_plates(self, comm, conditions, time, area, normal, displacement, plate_displacement)
+    do e = 1, size(self%entry_point)
+      p = self%entry_point(e)
+      c = self%entry_condition(e)
+      traction = point_traction(conditions(c), time, normal(:, p), displacement(:, p), &
+                                velocity(:, p), self%stiffness, self%damping, plate_displacement(c))
+      do k = 1, 2**ndim
+        if (.not. self%weight(k, p) > 0.0_wp) cycle
+        force(:, self%node(k, p)) = force(:, self%node(k, p)) + self%weight(k, p)*area(p)*traction
+      end do
+    end do
+  end subroutine surface_forces_apply
+
+  pure function point_traction(condition, time, normal, displacement, velocity, stiffness, damping, &
+                               plate_displacement) result(traction)
+    !! Traction of one condition on the body at a surface point [Pa].
+    type(mechanical_condition_t), intent(in) :: condition
+    real(wp), intent(in) :: time                                   !! [s]
+    real(wp), intent(in) :: normal(ndim)                           !! outward [-]
+    real(wp), intent(in) :: displacement(ndim), velocity(ndim)     !! of the point [m], [m/s]
+    real(wp), intent(in) :: stiffness, damping                     !! of a wall [Pa/m], [Pa s/m]
+    real(wp), intent(in) :: plate_displacement                     !! along the normal [m]
+    real(wp) :: traction(ndim)
+    real(wp) :: wall_displacement, wall_velocity
+
+    select case (condition%kind)
+    case ('traction')
+      traction = condition%value*condition%factor%at(time)
+    case ('pressure')
+      traction = -condition%value(1)*condition%factor%at(time)*normal
+    case ('fixed')
+      traction = -stiffness*displacement - damping*velocity
+    case ('velocity')
+      traction = stiffness*(condition%value*condition%factor%integral(time) - displacement) + &
+                 damping*(condition%value*condition%factor%at(time) - velocity)
+    case default   ! roller, normal_velocity, plate: along the normal only
+      wall_displacement = 0.0_wp
+      wall_velocity = 0.0_wp
+      if (condition%kind == 'normal_velocity') then
+        wall_displacement = condition%value(1)*condition%factor%integral(time)
+        wall_velocity = condition%value(1)*condition%factor%at(time)
+      else if (condition%kind == 'plate') then
+        wall_displacement = plate_displacement
+        wall_velocity = dot_product(velocity, normal)
+      end if
+      traction = (stiffness*(wall_displacement - dot_product(displacement, normal)) + &
+                  damping*(wall_velocity - dot_product(velocity, normal)))*normal
+    end select
+  end function point_traction
+
+  subroutine solve_plates(self, comm, conditions, time, area, normal, displacement, &
+                          plate_displacement)
+    !! Normal displacement U of each penalty plate from sum kappa a (U - u_n) = -F [m].
+    class(surface_forces_t), intent(in) :: self
+    type(communicator_t), intent(in) :: comm
+    type(mechanical_condition_t), intent(in) :: conditions(:)
+    real(wp), intent(in) :: time                               !! [s]
+    real(wp), intent(in) :: area(self%n_point)                 !! [m2]
+    real(wp), intent(in) :: normal(ndim, self%n_point)         !! outward [-]
+    real(wp), intent(in) :: displacement(ndim, self%n_point)   !! [m]
+    real(wp), intent(out) :: plate_displacement(size(conditions))
+    real(wp) :: sums(2*size(conditions))
+    integer :: e, p, c
+
+    plate_displacement = 0.0_wp
+    if (.not. any(conditions%kind == 'plate')) return
+    sums = 0.0_wp
+    do e = 1, size(self%entry_point)
+      p = self%entry_point(e)
+      c = self%entry_condition(e)
+      if (conditions(c)%kind /= 'plate') cycle
+      sums(2*c - 1) = sums(2*c - 1) + self%stiffness*area(p)
+      sums(2*c) = sums(2*c) + self%stiffness*area(p)*dot_product(displacement(:, p), normal(:, p))
+    end do
+    call comm%sum_array(sums)
+    do c = 1, size(conditions)
+      if (.not. sums(2*c - 1) > 0.0_wp) cycle
+      plate_displacement(c) = (sums(2*c) - conditions(c)%value(1)*conditions(c)%factor%at(time))/ &
+                              sums(2*c - 1)
+    end do
+  end subroutine solve_plates
+
+  pure subroutine surface_forces_point_velocity(self, nodal_velocity, velocity)
+    !! Velocity of the surface points, interpolated with the same weights [m/s].
+    class(surface_forces_t), intent(in) :: self
+    real(wp), intent(in) :: nodal_velocity(:, :)             !! (ndim, n_node) [m/s]
+    real(wp), intent(out) :: velocity(ndim, self%n_point)    !! [m/s]
+    integer :: p, k
+
+    velocity = 0.0_wp
+    do p = 1, self%n_point
+      do k = 1, 2**ndim
+        if (.not. self%weight(k, p) > 0.0_wp) cycle
+        velocity(:, p) = velocity(:, p) + self%weight(k, p)*nodal_velocity(:, self%node(k, p))
+      end do
+    end do
+  end subroutine surface_forces_point_velocity
+end module dosui_surface_forces

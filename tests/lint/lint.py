@@ -1,0 +1,190 @@
+#!/usr/bin/env python3
+"""Rules of the house that a machine can check.
+
+lint.py [rooms] [sources] [fprettify] [fortitude] [ruff]      without arguments: all
+
+rooms      which room of src/ may use which (docs/developer/design.md), and foreign modules
+sources    lines, names, `only`, `private`, no stop and no preprocessor
+fprettify  layout; fortitude: Fortran linter; ruff: Python linter and layout
+"""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+LINE_LENGTH = 100
+
+# Room: the rooms it may use beside itself. Upwards never.
+MAY_USE = {
+    "base": "",
+    "dimension": "base",
+    "parallel": "base",
+    "material": "base dimension",
+    "grid": "base dimension parallel",
+    "particles": "base dimension parallel material grid",
+    "mechanics": "base dimension parallel material grid particles",
+    "hydraulics": "base dimension parallel material grid particles",
+    "solvers": "base parallel",
+    "integrators": "base dimension parallel material grid particles mechanics hydraulics solvers",
+    "io": "base dimension parallel material grid particles solvers",
+    "app": "base dimension parallel material grid particles mechanics hydraulics solvers"
+    " integrators io",
+}
+# Modules that count as another room than their folder: the scene is plain types with defaults,
+# which every room is built from; the build information is constants.
+COUNTS_AS = {"dosui_scene": "dimension", "dosui_build_info": "base"}
+# Foreign modules and the only room that may use them.
+FOREIGN = {"mpi_f08": "parallel", "mpi": "nobody", "hdf5": "io", "h5lt": "io"}
+INTRINSIC = {
+    "iso_fortran_env",
+    "iso_c_binding",
+    "ieee_arithmetic",
+    "ieee_exceptions",
+    "ieee_features",
+}
+
+USE = re.compile(r"\s*use\b\s*(,\s*intrinsic\s*)?(::)?\s*(\w+)\s*(,\s*only\s*:)?", re.I)
+MODULE = re.compile(r"\s*module\s+(?!procedure\b)(\w+)\s*$", re.I)
+STOP = re.compile(r"(^|[;)\s])(error\s+)?stop\b(?!\s*[=%(])", re.I)
+
+
+def code_of(line: str) -> str:
+    """The line without comment and without the text of its strings."""
+    result, quote = "", ""
+    for character in line:
+        if quote:
+            if character == quote:
+                quote = ""
+                result += character
+        elif character in "'\"":
+            quote = character
+            result += character
+        elif character == "!":
+            break
+        else:
+            result += character
+    return result.rstrip()
+
+
+def fortran_files() -> list[Path]:
+    return sorted((ROOT / "src").glob("*/*.f90"))
+
+
+def room_of(path: Path) -> str:
+    return COUNTS_AS.get(path.stem, path.parent.name)
+
+
+def check_rooms() -> list[str]:
+    rooms = {path.stem: room_of(path) for path in fortran_files()}
+    rooms |= {"dosui_dimension": "dimension", **COUNTS_AS}
+    problems = []
+    for path in fortran_files():
+        room = path.parent.name if path.stem not in COUNTS_AS else COUNTS_AS[path.stem]
+        if room not in MAY_USE:
+            problems.append(f"{path}:1: the room '{room}' is not in the table of {__file__}")
+            continue
+        for number, line in enumerate(path.read_text().splitlines(), start=1):
+            match = USE.match(code_of(line))
+            if not match or match.group(1):
+                continue
+            used = match.group(3).lower()
+            if used in FOREIGN and room != FOREIGN[used]:
+                problems.append(f"{path}:{number}: only {FOREIGN[used]} may use {used}")
+            elif used in rooms and rooms[used] not in [room, *MAY_USE[room].split()]:
+                problems.append(f"{path}:{number}: {room} may not use {rooms[used]} ({used})")
+            elif used not in rooms and used not in FOREIGN and used not in INTRINSIC:
+                problems.append(f"{path}:{number}: unknown module {used}")
+    return problems
+
+
+def check_sources() -> list[str]:
+    problems = []
+    for path in fortran_files():
+        text = path.read_text()
+        lines = text.splitlines()
+        modules = []
+        for number, line in enumerate(lines, start=1):
+            here, code = f"{path}:{number}", code_of(line)
+            if len(line) > LINE_LENGTH:
+                problems.append(f"{here}: {len(line)} columns, more than {LINE_LENGTH}")
+            if line != line.rstrip() or "\t" in line:
+                problems.append(f"{here}: tab or blanks at the end of the line")
+            if STOP.search(code):
+                problems.append(f"{here}: stop: return an error_t instead")
+            if line.startswith("#"):
+                problems.append(f"{here}: preprocessor line")
+            if (match := USE.match(code)) and not match.group(4):
+                problems.append(f"{here}: use without only")
+            if match := MODULE.match(code):
+                modules.append(match.group(1))
+        stem = re.sub(r"^(dosui_dimension)_[123]d$", r"\1", path.stem)
+        if modules:
+            if modules != [stem]:
+                problems.append(f"{path}:1: must hold one module of its name, holds {modules}")
+            if not re.search(r"^  private$", text, re.M):
+                problems.append(f"{path}:1: `private` is missing")
+        elif not re.search(r"^program dosui", text, re.M):
+            problems.append(f"{path}:1: neither module nor program")
+        if not re.search(r"^  implicit none$", text, re.M):
+            problems.append(f"{path}:1: `implicit none` is missing")
+    return problems
+
+
+def tool(*command: str) -> tuple[int, str]:
+    """A program of this Python's environment: (exit status, output)."""
+    program = Path(sys.executable).parent / command[0]
+    if not program.exists():
+        return 1, f"{command[0]} is not installed beside {sys.executable}"
+    done = subprocess.run([program, *command[1:]], capture_output=True, text=True, cwd=ROOT)
+    return done.returncode, (done.stdout + done.stderr).strip()
+
+
+def check_fprettify() -> list[str]:
+    files = [str(path.relative_to(ROOT)) for path in fortran_files()]
+    files += [str(p.relative_to(ROOT)) for p in sorted((ROOT / "tests/support").glob("*.f90"))]
+    status, output = tool("fprettify", "--silent", "--diff", *files)
+    return [output + "\nfprettify FILE puts this right"] if status or output else []
+
+
+def check_fortitude() -> list[str]:
+    status, output = tool("fortitude", "check", "--output-format", "concise", "src")
+    return [output] if status else []
+
+
+def check_ruff() -> list[str]:
+    folders = [name for name in ("postprocess", "tests") if (ROOT / name).is_dir()]
+    checks = tool("ruff", "check", "--no-cache", "--output-format", "concise", *folders)
+    layout = tool("ruff", "format", "--no-cache", "--diff", *folders)
+    return [output for status, output in (checks, layout) if status]
+
+
+CHECKS = {
+    "rooms": check_rooms,
+    "sources": check_sources,
+    "fprettify": check_fprettify,
+    "fortitude": check_fortitude,
+    "ruff": check_ruff,
+}
+
+
+def main(names: list[str]) -> int:
+    unknown = [name for name in names if name not in CHECKS]
+    if unknown:
+        print(__doc__, file=sys.stderr)
+        return 2
+    failed = False
+    for name in names or CHECKS:
+        problems = CHECKS[name]()
+        for problem in problems:
+            print(problem.replace(f"{ROOT}/", ""))
+        print(f"{name}: {'ok' if not problems else 'NOT ok'}")
+        failed |= bool(problems)
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

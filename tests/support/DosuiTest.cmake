@@ -1,0 +1,88 @@
+# dosui_add_test(<room>/test_<module>.pf DIMENSIONS <1 2 3 | NONE> [MAX_PES n] [LABELS ...])
+#
+# Makes <room>.<module> (NONE) or <room>.<module>.<n>d for each dimension of a file below
+# tests/unit. MAX_PES defaults to the largest npes of the file; a parallel test gets the label mpi.
+# Uses pFUnit where find_package finds it, else the driver in tests/support.
+find_package(Python3 3.10 REQUIRED COMPONENTS Interpreter)
+option(DOSUI_USE_PFUNIT "Use pFUnit where it is installed" ON)
+set(DOSUI_TEST_TIMEOUT 120 CACHE STRING "Seconds after which a unit test counts as hanging")
+if(DOSUI_USE_PFUNIT)
+  find_package(PFUNIT QUIET)
+endif()
+if(PFUNIT_FOUND)
+  message(STATUS "dosui: unit tests run with pFUnit (${PFUNIT_DIR})")
+else()
+  message(STATUS "dosui: unit tests run with the driver in tests/support")
+endif()
+set(DOSUI_PF_SCRIPT ${CMAKE_CURRENT_LIST_DIR}/pf.py)
+
+# The executable of one .pf file, with our own driver.
+function(dosui_driver_executable target pf_file)
+  get_filename_component(stem ${pf_file} NAME_WE)
+  set(folder ${CMAKE_CURRENT_BINARY_DIR}/${target}.pf)
+  file(MAKE_DIRECTORY ${folder})
+  add_custom_command(OUTPUT ${folder}/${stem}.F90
+    COMMAND ${Python3_EXECUTABLE} ${DOSUI_PF_SCRIPT} suite ${pf_file} ${folder}/${stem}.F90
+    DEPENDS ${DOSUI_PF_SCRIPT} ${pf_file} VERBATIM)
+  add_executable(${target} ${folder}/${stem}.F90)
+  set_target_properties(${target} PROPERTIES Fortran_MODULE_DIRECTORY ${folder})
+  target_link_libraries(${target} PRIVATE ${ARGN} dosui_test_driver dosui_test_flags)
+endfunction()
+
+function(dosui_add_test pf_file)
+  cmake_parse_arguments(PARSE_ARGV 1 arg "" "MAX_PES" "DIMENSIONS;LABELS")
+  set(path ${PROJECT_SOURCE_DIR}/tests/unit/${pf_file})
+  if(NOT DEFINED arg_MAX_PES)
+    execute_process(COMMAND ${Python3_EXECUTABLE} ${DOSUI_PF_SCRIPT} npes ${path}
+      OUTPUT_VARIABLE arg_MAX_PES OUTPUT_STRIP_TRAILING_WHITESPACE
+      ERROR_VARIABLE problem RESULT_VARIABLE status)
+    if(NOT status EQUAL 0)
+      message(SEND_ERROR "${problem}")
+      return()
+    endif()
+    set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS ${path})
+  endif()
+  get_filename_component(room ${pf_file} DIRECTORY)
+  get_filename_component(stem ${pf_file} NAME_WE)
+  string(REGEX REPLACE "^test_(dosui_)?" "" subject ${stem})
+
+  foreach(n IN LISTS arg_DIMENSIONS)
+    if(n STREQUAL "NONE")
+      set(name ${room}.${subject})
+      set(library dosui_base)
+    else()
+      set(name ${room}.${subject}.${n}d)
+      set(library dosui_core_${n}d)
+    endif()
+    set(labels ${arg_LABELS})
+    if(arg_MAX_PES GREATER 0)
+      list(APPEND labels mpi)
+    endif()
+    if(PFUNIT_FOUND)
+      set(pes)
+      if(arg_MAX_PES GREATER 0)
+        set(pes MAX_PES ${arg_MAX_PES})
+      endif()
+      # pFUnit writes its sources under the .pf file's name: a folder for each test keeps them apart.
+      set(folder ${CMAKE_CURRENT_BINARY_DIR}/${name}.pf)
+      configure_file(${path} ${folder}/${stem}.pf COPYONLY)
+      add_pfunit_ctest(${name} TEST_SOURCES ${folder}/${stem}.pf LINK_LIBRARIES ${library}
+        dosui_test_flags ${pes})
+      set_target_properties(${name} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_CURRENT_BINARY_DIR})
+    else()
+      dosui_driver_executable(${name} ${path} ${library})
+      set_target_properties(${name} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_CURRENT_BINARY_DIR})
+      if(arg_MAX_PES GREATER 0)
+        add_test(NAME ${name} COMMAND ${MPIEXEC_EXECUTABLE} ${MPIEXEC_NUMPROC_FLAG} ${arg_MAX_PES}
+          ${MPIEXEC_PREFLAGS} $<TARGET_FILE:${name}> ${MPIEXEC_POSTFLAGS})
+      else()
+        add_test(NAME ${name} COMMAND ${name})
+      endif()
+    endif()
+    set_tests_properties(${name} PROPERTIES LABELS "${labels}" TIMEOUT ${DOSUI_TEST_TIMEOUT}
+      ENVIRONMENT "${DOSUI_TEST_ENVIRONMENT}")
+    if(arg_MAX_PES GREATER 1)
+      set_tests_properties(${name} PROPERTIES PROCESSORS 2)
+    endif()
+  endforeach()
+endfunction()

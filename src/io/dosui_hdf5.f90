@@ -15,7 +15,7 @@ module dosui_hdf5
                   h5pcreate_f, h5pclose_f, h5pset_fapl_mpio_f, h5pset_libver_bounds_f, &
                   h5pset_fclose_degree_f, h5pset_chunk_f, h5pset_alloc_time_f, &
                   h5pset_fill_time_f, h5pset_obj_track_times_f, &
-                  h5gcreate_f, h5gopen_f, h5gclose_f, &
+                  h5gcreate_f, h5gopen_f, h5gclose_f, h5gget_info_f, &
                   h5dcreate_f, h5dopen_f, h5dclose_f, h5dget_space_f, h5dwrite_f, h5dread_f, &
                   h5dget_type_f, h5dset_extent_f, &
                   h5screate_f, h5screate_simple_f, h5sclose_f, h5sselect_hyperslab_f, &
@@ -43,7 +43,7 @@ module dosui_hdf5
   public :: hdf5_write_rows, hdf5_read_rows
   public :: hdf5_write_attribute, hdf5_read_attribute, hdf5_update_attribute
   public :: hdf5_write_text, hdf5_read_text
-  public :: hdf5_exists, hdf5_create_soft_link, hdf5_create_hard_link, hdf5_remove_link
+  public :: hdf5_exists, hdf5_n_links, hdf5_create_soft_link, hdf5_create_hard_link, hdf5_remove_link
 
   integer, parameter, public :: hdf5_real = 1       !! dataset of real(wp)
   integer, parameter, public :: hdf5_integer = 2    !! dataset of integer(i8)
@@ -235,6 +235,15 @@ contains
     if (status < 0) exists = .false.
   end function hdf5_exists
 
+  integer function hdf5_n_links(group) result(n)
+    !! Number of objects in a group; 0 if it cannot be told.
+    integer(hid_t), intent(in) :: group
+    integer :: storage, largest_order, status
+
+    call h5gget_info_f(group, storage, n, largest_order, status)
+    if (status < 0) n = 0
+  end function hdf5_n_links
+
   subroutine hdf5_create_soft_link(parent, name, target_path, err)
     !! Links a name to a path of the same file. Collective.
     integer(hid_t), intent(in) :: parent
@@ -269,7 +278,7 @@ contains
 
   ! ---------------------------------------------------------------- datasets
 
-  subroutine hdf5_create_dataset(parent, name, kind, width, n_row, dataset, err, resizable)
+  subroutine hdf5_create_dataset(parent, name, kind, width, n_row, dataset, err, n_row_max)
     !! Creates and opens a dataset (n_row) or, for width > 1, (n_row, width). Collective.
     !!
     !! Its space is reserved at once but not written, so that nothing of the file's structure
@@ -281,21 +290,23 @@ contains
     integer(i8), intent(in) :: n_row
     integer(hid_t), intent(out) :: dataset
     type(error_t), intent(inout) :: err
-    logical, intent(in), optional :: resizable   !! the number of rows may be lowered later
+    integer(i8), intent(in), optional :: n_row_max   !! rows it may be resized to
     integer(hid_t) :: space, creation
-    integer(hsize_t) :: extent(2)
+    integer(hsize_t) :: extent(2), largest(2)
     integer :: rank, status
 
     rank = merge(1, 2, width == 1)
     extent = [int(width, hsize_t), int(n_row, hsize_t)]
+    largest = extent
+    if (present(n_row_max)) largest(2) = int(n_row_max, hsize_t)
     if (rank == 1) extent(1) = extent(2)
+    if (rank == 1) largest(1) = largest(2)
     creation = without_times(h5p_dataset_create_f)
     call h5pset_alloc_time_f(creation, h5d_alloc_time_early_f, status)
     call h5pset_fill_time_f(creation, h5d_fill_time_never_f, status)
-    if (present(resizable)) then
-      if (resizable) call h5pset_chunk_f(creation, rank, extent(:rank), status)
-    end if
-    call h5screate_simple_f(rank, extent(:rank), space, status)
+    ! One chunk of the largest size: its place in the file stays when the size changes.
+    if (present(n_row_max)) call h5pset_chunk_f(creation, rank, largest(:rank), status)
+    call h5screate_simple_f(rank, extent(:rank), space, status, largest(:rank))
     call h5dcreate_f(parent, name, merge(h5t_ieee_f64le, h5t_std_i64le, kind == hdf5_real), space, &
                      dataset, status, dcpl_id=creation)
     call check(status, 'cannot create the dataset '//name, err)
@@ -354,7 +365,9 @@ contains
   end subroutine hdf5_dataset_shape
 
   subroutine hdf5_resize_dataset(dataset, n_row, err)
-    !! Sets the number of rows of a resizable one-dimensional dataset. Collective.
+    !! Sets the number of rows of a one-dimensional dataset created with n_row_max. Collective.
+    !!
+    !! After lowering it, flush before writing rows: HDF5 keeps the old ones until then.
     integer(hid_t), intent(in) :: dataset
     integer(i8), intent(in) :: n_row   !! at most the number it was created with
     type(error_t), intent(inout) :: err
@@ -430,7 +443,7 @@ contains
     integer(hid_t), intent(in) :: dataset
     integer(i8), intent(in) :: first_row
     integer, intent(in) :: n
-    real(wp), intent(out), target :: values(n)
+    real(wp), intent(inout), target :: values(n)
     type(error_t), intent(inout) :: err
     integer :: i, m
 

@@ -1,0 +1,243 @@
+"""Reads a result file of dosui: VTKHDF poly data plus /History and /Scene.
+
+A run that was killed leaves a valid file: only the first `NSteps` steps and the first
+`n_entries` rows of the histories count, whatever room the datasets have.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import h5py
+import numpy as np
+import numpy.typing as npt
+
+from dosui_post.errors import DosuiPostError
+from dosui_post.namelist import Group, parse
+
+FloatArray = npt.NDArray[np.float64]
+
+AXES = "xyz"
+
+
+class Scene:
+    """The scene as the run understood it: the echo, and the text as read for what it lacks."""
+
+    def __init__(self, text: str, echo: str) -> None:
+        self.text = text
+        self.echo = echo
+        self.groups = parse(echo)
+        known = {group.name for group in self.groups}
+        self.groups += [group for group in parse(text) if group.name not in known]
+
+    def all(self, name: str) -> list[Group]:
+        """Every group of a name, in the scene's order."""
+        return [group for group in self.groups if group.name == name]
+
+    def one(self, name: str) -> Group:
+        """The first group of a name; an empty one if there is none."""
+        groups = self.all(name)
+        return groups[0] if groups else Group(name)
+
+
+class Result:
+    """An open result file. Use it in a `with` block."""
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        self._file = _open(self.path)
+        try:
+            self._read_layout()
+        except (KeyError, IndexError, TypeError, ValueError, OSError, RuntimeError) as error:
+            self._file.close()
+            raise DosuiPostError(f"{self.path} is not a result file of dosui: {error}") from error
+        except DosuiPostError:
+            self._file.close()
+            raise
+
+    def __enter__(self) -> Result:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Closes the file."""
+        self._file.close()
+
+    @property
+    def name(self) -> str:
+        """Name of the file without its ending."""
+        return self.path.stem
+
+    @property
+    def n_steps(self) -> int:
+        """Completed output steps."""
+        return len(self.times)
+
+    def points(self, step: int) -> FloatArray:
+        """Positions of the particles (n, 3) [m], as written."""
+        offset = int(self._steps["PointOffsets"][self._index(step)])
+        return self._rows(self._root["Points"], offset, step)
+
+    def field_names(self) -> list[str]:
+        """Names of the fields stored for every particle."""
+        return sorted(self._root["PointData"])
+
+    def has_field(self, name: str) -> bool:
+        """Is there a field of this name?"""
+        return name in self._root["PointData"]
+
+    def field(self, name: str, step: int) -> FloatArray:
+        """A field of one step, (n) or (n, components), in the unit of `field_unit`."""
+        data = self._field(name)
+        offsets = self._steps.get("PointDataOffsets", {})
+        table = offsets[name] if name in offsets else self._steps["PointOffsets"]
+        return self._rows(data, int(table[self._index(step)]), step)
+
+    def field_unit(self, name: str) -> str:
+        """Unit of a field, '' for a pure number."""
+        return _text(self._field(name).attrs.get("unit", ""))
+
+    def reference_points(self, step: int) -> FloatArray:
+        """Positions before the deformation (n, 3) [m].
+
+        Small-strain runs leave the particles where they are; in updated runs the
+        displacement is taken off.
+        """
+        points = self.points(step)
+        if self._points_move() and self.has_field("displacement"):
+            points = points - self.field("displacement", step)
+        return points
+
+    def history_names(self) -> list[str]:
+        """Names of the histories, `time` among them."""
+        return sorted(self._history) if self._history is not None else []
+
+    def history(self, name: str) -> FloatArray:
+        """Completed rows of a history."""
+        if self._history is None or name not in self._history:
+            known = ", ".join(self.history_names()) or "none"
+            raise DosuiPostError(f"{self.path} has no history '{name}' (it has: {known})")
+        return np.asarray(self._history[name][: self._n_entries], dtype=np.float64)
+
+    def history_unit(self, name: str) -> str:
+        """Unit of a history, '' for a pure number."""
+        self.history(name)
+        assert self._history is not None
+        return _text(self._history[name].attrs.get("unit", ""))
+
+    def step_near(self, time: float) -> int:
+        """Step whose time is nearest to `time` [s]."""
+        return int(np.argmin(np.abs(self.times - time)))
+
+    # ------------------------------------------------------------------ inside
+
+    def _read_layout(self) -> None:
+        if "VTKHDF" not in self._file:
+            raise DosuiPostError(f"{self.path} is not a result file of dosui: it has no /VTKHDF")
+        self._root = self._file["VTKHDF"]
+        self._steps = self._root["Steps"]
+        n_steps = int(self._steps.attrs["NSteps"])
+        if n_steps < 1:
+            raise DosuiPostError(f"{self.path} has no completed output step")
+        self.times = np.asarray(self._steps["Values"][:n_steps], dtype=np.float64)
+        self._count = self._points_per_step(n_steps)
+        self._history: Any = self._file.get("History")
+        self._n_entries = 0
+        if self._history is not None and len(self._history) > 0:
+            longest = max(len(self._history[name]) for name in self._history)
+            self._n_entries = int(self._history.attrs.get("n_entries", longest))
+        group = self._file.get("Scene")
+        self.metadata = dict(group.attrs) if group is not None else {}
+        self.scene = Scene(_stored_text(group, "text"), _stored_text(group, "echo"))
+
+    def _points_per_step(self, n_steps: int) -> npt.NDArray[np.int64]:
+        counts = self._root["NumberOfPoints"]
+        first = self._steps["PartOffsets"][:n_steps] if "PartOffsets" in self._steps else None
+        parts = self._steps["NumberOfParts"][:n_steps] if "NumberOfParts" in self._steps else None
+        if first is None or parts is None:
+            return np.asarray(counts[:n_steps], dtype=np.int64)
+        return np.array(
+            [np.sum(counts[i : i + n]) for i, n in zip(first, parts, strict=True)], dtype=np.int64
+        )
+
+    def _index(self, step: int) -> int:
+        if not -self.n_steps <= step < self.n_steps:
+            raise DosuiPostError(
+                f"{self.path} has no step {step} (there are {self.n_steps}, counted from 0)"
+            )
+        return step % self.n_steps
+
+    def _field(self, name: str) -> Any:
+        if not self.has_field(name):
+            known = ", ".join(self.field_names())
+            raise DosuiPostError(f"{self.path} has no field '{name}' (it has: {known})")
+        return self._root["PointData"][name]
+
+    def _rows(self, data: Any, offset: int, step: int) -> FloatArray:
+        count = int(self._count[self._index(step)])
+        try:
+            rows = np.asarray(data[offset : offset + count], dtype=np.float64)
+        except OSError as error:
+            raise DosuiPostError(f"{self.path} cannot be read: {error}") from error
+        if len(rows) != count:
+            raise DosuiPostError(f"{self.path} is damaged: step {step} lacks rows of {data.name}")
+        return rows
+
+    def _points_move(self) -> bool:
+        last = self.n_steps - 1
+        if last > 0 and self._count[0] == self._count[last]:
+            return not np.array_equal(self.points(0), self.points(last))
+        return self.scene.one("scene").text("deformation", "small_strain") == "updated"
+
+
+def to_xyz(values: list[float]) -> FloatArray:
+    """A vector of a scene, (z), (x, z) or (x, y, z), as (x, y, z)."""
+    if not 1 <= len(values) <= 3:
+        raise DosuiPostError(f"a vector of the scene has {len(values)} components")
+    full = np.zeros(3)
+    full[2] = values[-1]
+    full[: len(values) - 1] = values[:-1]
+    return full
+
+
+def _open(path: Path) -> Any:
+    if path.is_dir():
+        raise DosuiPostError(f"{path} is a folder, not a result file")
+    if not path.exists():
+        raise DosuiPostError(f"{path} does not exist")
+    try:
+        return h5py.File(path, "r")
+    except OSError as error:
+        if "lock" in str(error).lower():
+            # A run may still be writing; its completed steps can be read all the same.
+            try:
+                return h5py.File(path, "r", locking=False)
+            except OSError as second:
+                error = second
+        raise DosuiPostError(f"{path} cannot be read as HDF5: {error}") from error
+
+
+def _stored_text(group: Any, name: str) -> str:
+    """A text kept as dataset or as attribute; '' if there is none."""
+    if group is None:
+        return ""
+    if name in group:
+        return _text(group[name][()])
+    return _text(group.attrs.get(name, ""))
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, np.ndarray):
+        value = value.tobytes() if value.dtype.kind in "Su" else "".join(map(str, value.ravel()))
+    if isinstance(value, bytes):
+        value = value.decode("utf-8", errors="replace")
+    return str(value).rstrip("\0 ")

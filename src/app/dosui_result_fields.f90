@@ -1,0 +1,91 @@
+!! The fields of a result file, computed from the model: names, units and values in SI.
+module dosui_result_fields
+  use dosui_kinds, only: wp
+  use dosui_dimension, only: ndim, nsig, axis, voigt6
+  use dosui_model, only: model_t
+  use dosui_result_file, only: result_field_t
+  use dosui_water_step, only: head_of_particles, darcy_velocity
+  implicit none
+  private
+
+  public :: result_fields, field_values, field_width, points_in_space
+
+contains
+
+  function result_fields(coupled) result(fields)
+    !! What is written for every particle; dry scenes write no water.
+    logical, intent(in) :: coupled
+    type(result_field_t), allocatable :: fields(:)
+
+    fields = [result_field_t('displacement', 'm', 3), result_field_t('velocity', 'm/s', 3), &
+              result_field_t('effective_stress', 'Pa', 6), result_field_t('porosity', '-', 1), &
+              result_field_t('volume', 'm3', 1), result_field_t('material', '-', 1), &
+              result_field_t('rank', '-', 1)]
+    if (.not. coupled) return
+    fields = [result_field_t('pore_pressure', 'Pa', 1), result_field_t('head', 'm', 1), &
+              result_field_t('darcy_velocity', 'm/s', 3), fields]
+  end function result_fields
+
+  integer function field_width(name, coupled) result(width)
+    !! Components of a result field; 0 when the scene has no such field.
+    character(len=*), intent(in) :: name
+    logical, intent(in) :: coupled
+    type(result_field_t), allocatable :: fields(:)
+    integer :: k
+
+    width = 0
+    fields = result_fields(coupled)
+    do k = 1, size(fields)
+      if (fields(k)%name == name) width = fields(k)%n_components
+    end do
+  end function field_width
+
+  subroutine field_values(model, name, values)
+    !! Values of a result field on the owned particles, (components, n). Collective for heads.
+    type(model_t), intent(inout) :: model
+    character(len=*), intent(in) :: name
+    real(wp), allocatable, intent(out) :: values(:, :)
+    real(wp), allocatable :: head(:), flux(:, :)
+    integer :: handle, n
+
+    n = model%particles%count
+    select case (name)
+    case ('head')
+      call head_of_particles(model, head)
+      values = reshape(head(1:n), [1, n])
+    case ('darcy_velocity')
+      call darcy_velocity(model, flux)
+      values = vectors_in_space(n, flux)
+    case ('displacement', 'velocity')
+      handle = model%particles%handle(name)
+      values = vectors_in_space(n, model%particles%field(handle)%values)
+    case ('effective_stress')
+      allocate (values(6, n), source=0.0_wp)
+      values(voigt6, :) = model%particles%field(model%p%effective_stress)%values(1:nsig, 1:n)
+    case ('rank')
+      allocate (values(1, n), source=real(model%comm%rank, wp))
+    case default
+      handle = model%particles%handle(name)
+      values = model%particles%field(handle)%values(1:1, 1:n)
+    end select
+  end subroutine field_values
+
+  function vectors_in_space(n, vectors) result(in_space)
+    !! Vectors of the scene's dimension as 3-D vectors; z is always the last component.
+    integer, intent(in) :: n
+    real(wp), intent(in) :: vectors(:, :)   !! (ndim, >= n)
+    real(wp), allocatable :: in_space(:, :)
+
+    allocate (in_space(3, n), source=0.0_wp)
+    in_space(axis, :) = vectors(1:ndim, 1:n)
+  end function vectors_in_space
+
+  function points_in_space(model) result(points)
+    !! Positions of the owned particles as 3-D points [m].
+    type(model_t), intent(in) :: model
+    real(wp), allocatable :: points(:, :)
+
+    points = vectors_in_space(model%particles%count, &
+                              model%particles%field(model%p%position)%values)
+  end function points_in_space
+end module dosui_result_fields

@@ -1,0 +1,119 @@
+!! What the user reads while dosui runs: one writer, line by line.
+module dosui_log
+  use, intrinsic :: iso_fortran_env, only: output_unit, error_unit
+  use dosui_text, only: to_text
+  implicit none
+  private
+
+  type :: warning_t
+    character(len=:), allocatable :: text
+    integer :: n = 0                      !! how often it was given
+  end type warning_t
+
+  type, public :: log_t
+    !! Messages of the root rank; the other ranks say nothing (but may call everything).
+    private
+    logical :: is_root = .false.
+    integer :: unit = output_unit         !! of information
+    integer :: error_unit = error_unit    !! of warnings and errors
+    type(warning_t), allocatable :: warnings(:)   !! the different ones, in order of appearance
+  contains
+    procedure :: init => log_init
+    procedure :: info => log_info
+    procedure :: warning => log_warning
+    procedure :: error => log_error
+    procedure :: n_warnings => log_n_warnings
+    procedure :: summary => log_summary
+  end type log_t
+
+contains
+
+  subroutine log_init(self, is_root, unit)
+    !! Starts a log without warnings.
+    class(log_t), intent(out) :: self
+    logical, intent(in) :: is_root          !! does this rank write?
+    integer, intent(in), optional :: unit   !! an open file instead of standard output and error
+
+    self%is_root = is_root
+    if (present(unit)) then
+      self%unit = unit
+      self%error_unit = unit
+    end if
+    allocate (self%warnings(0))
+  end subroutine log_init
+
+  subroutine log_info(self, text)
+    !! One line of information on standard output.
+    class(log_t), intent(in) :: self
+    character(len=*), intent(in) :: text
+
+    if (self%is_root) call write_line(self%unit, text)
+  end subroutine log_info
+
+  subroutine log_warning(self, text)
+    !! A warning on standard error; counted, and repeated in the closing summary. A warning with
+    !! the same text is written only the first time.
+    class(log_t), intent(inout) :: self
+    character(len=*), intent(in) :: text
+    type(warning_t), allocatable :: more(:)
+    integer :: k, n
+
+    if (.not. self%is_root) return
+    if (.not. allocated(self%warnings)) allocate (self%warnings(0))
+    n = size(self%warnings)
+    do k = 1, n
+      if (self%warnings(k)%text == text) then
+        self%warnings(k)%n = self%warnings(k)%n + 1
+        return
+      end if
+    end do
+    allocate (more(n + 1))
+    do k = 1, n
+      more(k) = self%warnings(k)
+    end do
+    more(n + 1)%text = text
+    more(n + 1)%n = 1
+    call move_alloc(more, self%warnings)
+    call write_line(self%error_unit, 'warning: '//text)
+  end subroutine log_warning
+
+  subroutine log_error(self, text)
+    !! An error message on standard error; it does not stop anything.
+    class(log_t), intent(in) :: self
+    character(len=*), intent(in) :: text
+
+    if (self%is_root) call write_line(self%error_unit, 'error: '//text)
+  end subroutine log_error
+
+  pure integer function log_n_warnings(self) result(n)
+    !! Warnings given so far, repeated ones included (0 on ranks that do not write).
+    class(log_t), intent(in) :: self
+
+    n = 0
+    if (allocated(self%warnings)) n = sum(self%warnings%n)
+  end function log_n_warnings
+
+  subroutine log_summary(self)
+    !! Repeats the different warnings of the run on standard output.
+    class(log_t), intent(in) :: self
+    character(len=:), allocatable :: times
+    integer :: k
+
+    if (.not. self%is_root .or. self%n_warnings() == 0) return
+    call write_line(self%unit, to_text(self%n_warnings())//' warning(s):')
+    do k = 1, size(self%warnings)
+      times = ''
+      if (self%warnings(k)%n > 1) times = ' ('//to_text(self%warnings(k)%n)//' times)'
+      call write_line(self%unit, '  '//self%warnings(k)%text//times)
+    end do
+  end subroutine log_summary
+
+  subroutine write_line(unit, text)
+    !! Writes and flushes, so that a pipe or a batch file shows every line at once.
+    integer, intent(in) :: unit
+    character(len=*), intent(in) :: text
+
+    write (unit, '(a)') text
+    flush (unit)
+  end subroutine write_line
+end module dosui_log

@@ -1,0 +1,192 @@
+!! Volume-weighted averages of particle values over grid cells and over blocks of 2**ndim cells.
+!!
+!! The average P is self-adjoint in the weights: sum w a (P b) = sum w (P a) b. Kernels sum over
+!! this rank's particles, `cell_average_t` completes the sums of cells that ranks share.
+!! Without shared cells no message is sent.
+module dosui_cell_average
+  use dosui_kinds, only: wp
+  use dosui_dimension, only: ndim, nsig, voigt_slot
+  use dosui_communicator, only: communicator_t
+  use dosui_grid, only: grid_t
+  implicit none
+  private
+
+  public :: cell_sums, cell_trace_sums, block_sums
+
+  type, public :: cell_average_t
+    !! Weights of cells and blocks, complete over all ranks.
+    real(wp), allocatable :: cell_weight(:)      !! (n_cell) this rank's share of the weight
+    real(wp), allocatable :: cell_inverse(:)     !! (n_cell) 1/complete weight, 0 for empty cells
+    real(wp), allocatable :: block_inverse(:)    !! (n_block) 1/complete weight, 0 for empty blocks
+  contains
+    procedure :: set_weights => cell_average_set_weights
+    procedure :: cell_means => cell_average_cell_means
+    procedure :: block_means => cell_average_block_means
+  end type cell_average_t
+
+contains
+
+  pure subroutine cell_sums(n, cell, weight, value, n_cell, sums)
+    !! Kernel: sums of weight*value over the particles of each cell.
+    integer, intent(in) :: n
+    integer, intent(in) :: cell(n)
+    real(wp), intent(in) :: weight(n), value(n)
+    integer, intent(in) :: n_cell
+    real(wp), intent(out) :: sums(n_cell)
+    integer :: p, here
+    real(wp) :: total
+
+    sums = 0.0_wp
+    if (n == 0) return
+    here = cell(1)
+    total = 0.0_wp
+    do p = 1, n   ! a run of particles in one cell is summed in a register
+      if (cell(p) /= here) then
+        sums(here) = sums(here) + total
+        here = cell(p)
+        total = 0.0_wp
+      end if
+      total = total + weight(p)*value(p)
+    end do
+    sums(here) = sums(here) + total
+  end subroutine cell_sums
+
+  pure subroutine cell_trace_sums(n, cell, weight, tensor, n_cell, sums)
+    !! Kernel: sums of weight*trace over the particles of each cell; the trace is taken over the
+    !! directions of the scene (volume change of strains; ndim times the mean in-plane stress).
+    integer, intent(in) :: n
+    integer, intent(in) :: cell(n)
+    real(wp), intent(in) :: weight(n)
+    real(wp), intent(in) :: tensor(nsig, n)   !! strains or stresses
+    integer, intent(in) :: n_cell
+    real(wp), intent(out) :: sums(n_cell)
+    integer :: p, here, d
+    real(wp) :: total, trace
+
+    sums = 0.0_wp
+    if (n == 0) return
+    here = cell(1)
+    total = 0.0_wp
+    do p = 1, n
+      if (cell(p) /= here) then
+        sums(here) = sums(here) + total
+        here = cell(p)
+        total = 0.0_wp
+      end if
+      trace = 0.0_wp
+      do d = 1, ndim
+        trace = trace + tensor(voigt_slot(d, d), p)
+      end do
+      total = total + weight(p)*trace
+    end do
+    sums(here) = sums(here) + total
+  end subroutine cell_trace_sums
+
+  pure subroutine block_sums(width, n_cell, cell_block, cell_value, n_block, sums)
+    !! Kernel: sums of cell values over the blocks.
+    integer, intent(in) :: width, n_cell
+    integer, intent(in) :: cell_block(n_cell)
+    real(wp), intent(in) :: cell_value(width, n_cell)
+    integer, intent(in) :: n_block
+    real(wp), intent(out) :: sums(width, n_block)
+    integer :: c
+
+    sums = 0.0_wp
+    do c = 1, n_cell
+      sums(:, cell_block(c)) = sums(:, cell_block(c)) + cell_value(:, c)
+    end do
+  end subroutine block_sums
+
+  subroutine complete_cells(comm, grid, width, sums)
+    !! Adds up the ranks' sums of shared cells.
+    type(communicator_t), intent(in) :: comm
+    type(grid_t), intent(inout) :: grid
+    integer, intent(in) :: width
+    real(wp), intent(inout) :: sums(width, grid%n_cell)
+
+    call grid%cell_map%scatter_add(comm, width, sums)
+    call grid%cell_map%gather(comm, width, sums)
+  end subroutine complete_cells
+
+  subroutine complete_blocks(comm, grid, width, cell_value, sums)
+    !! Sums of the ranks' cell values over blocks, shared ones added up.
+    type(communicator_t), intent(in) :: comm
+    type(grid_t), intent(inout) :: grid
+    integer, intent(in) :: width
+    real(wp), intent(in) :: cell_value(width, grid%n_cell)    !! this rank's share
+    real(wp), intent(out) :: sums(width, grid%n_block)
+
+    call block_sums(width, grid%n_cell, grid%cell_block, cell_value, grid%n_block, sums)
+    call grid%block_map%scatter_add(comm, width, sums)
+    call grid%block_map%gather(comm, width, sums)
+  end subroutine complete_blocks
+
+  subroutine cell_average_set_weights(self, comm, grid, n, cell, weight)
+    !! Takes over the particles' weights (volumes). All ranks call it together.
+    class(cell_average_t), intent(inout) :: self
+    type(communicator_t), intent(in) :: comm
+    type(grid_t), intent(inout) :: grid
+    integer, intent(in) :: n
+    integer, intent(in) :: cell(n)
+    real(wp), intent(in) :: weight(n)   !! [m3]
+    real(wp), allocatable :: one(:)
+
+    if (allocated(self%cell_weight)) &
+      deallocate (self%cell_weight, self%cell_inverse, self%block_inverse)
+    allocate (self%cell_weight(grid%n_cell), self%cell_inverse(grid%n_cell), &
+              self%block_inverse(grid%n_block))
+    allocate (one(n), source=1.0_wp)
+    call cell_sums(n, cell, weight, one, grid%n_cell, self%cell_weight)
+    call complete_blocks(comm, grid, 1, self%cell_weight, self%block_inverse)
+    self%cell_inverse = self%cell_weight
+    call complete_cells(comm, grid, 1, self%cell_inverse)
+    call invert_positive(grid%n_cell, self%cell_inverse)
+    call invert_positive(grid%n_block, self%block_inverse)
+  end subroutine cell_average_set_weights
+
+  pure subroutine invert_positive(n, values)
+    integer, intent(in) :: n
+    real(wp), intent(inout) :: values(n)
+    integer :: k
+
+    do k = 1, n
+      if (values(k) > 0.0_wp) then
+        values(k) = 1.0_wp/values(k)
+      else
+        values(k) = 0.0_wp
+      end if
+    end do
+  end subroutine invert_positive
+
+  subroutine cell_average_cell_means(self, comm, grid, width, sums)
+    !! Turns this rank's sums of weight*value into the cells' means over all ranks.
+    class(cell_average_t), intent(in) :: self
+    type(communicator_t), intent(in) :: comm
+    type(grid_t), intent(inout) :: grid
+    integer, intent(in) :: width                              !! values per cell
+    real(wp), intent(inout) :: sums(width, grid%n_cell)       !! sums on entry, means on return
+    integer :: c
+
+    call complete_cells(comm, grid, width, sums)
+    do c = 1, grid%n_cell
+      sums(:, c) = sums(:, c)*self%cell_inverse(c)
+    end do
+  end subroutine cell_average_cell_means
+
+  subroutine cell_average_block_means(self, comm, grid, width, sums, means)
+    !! The blocks' means over all ranks from this rank's sums of weight*value over cells (before
+    !! `cell_means` has changed them).
+    class(cell_average_t), intent(in) :: self
+    type(communicator_t), intent(in) :: comm
+    type(grid_t), intent(inout) :: grid
+    integer, intent(in) :: width
+    real(wp), intent(in) :: sums(width, grid%n_cell)
+    real(wp), intent(out) :: means(width, grid%n_block)
+    integer :: b
+
+    call complete_blocks(comm, grid, width, sums, means)
+    do b = 1, grid%n_block
+      means(:, b) = means(:, b)*self%block_inverse(b)
+    end do
+  end subroutine cell_average_block_means
+end module dosui_cell_average

@@ -1,0 +1,382 @@
+!! The sparse background grid: the nodes, patches, cells and blocks that particles can touch.
+!!
+!! Integer coordinates count grid spacings from the origin: node I sits at origin + I h, cell C
+!! spans nodes C to C + 1, block B holds the cells 2 B and 2 B + 1 in each direction. A patch is
+!! the set of `width` nodes per direction above a base node; for linear hats patches are cells.
+!! Everything is sorted by packed key, so nothing depends on the order of the particles.
+module dosui_grid
+  use dosui_kinds, only: wp, i8
+  use dosui_dimension, only: ndim
+  use dosui_communicator, only: communicator_t
+  use dosui_index_map, only: index_map_t
+  use dosui_keys, only: pack_key, unpack_key
+  use dosui_shape_functions, only: shape_linear, shape_width, shape_shift
+  use dosui_sort, only: sort_permutation, unique_sorted, binary_search
+  implicit none
+  private
+
+  ! Coordinates that still leave room for neighbours inside the keys' 21 bits.
+  real(wp), parameter :: largest_coordinate = 2.0_wp**20 - 8.0_wp
+
+  type, public :: grid_t
+    !! The part of the background grid that this rank's particles can touch.
+    real(wp) :: spacing = 0.0_wp                   !! h [m]
+    real(wp) :: origin(ndim) = 0.0_wp              !! position of node (0, 0, 0) [m]
+    integer :: shape_kind = shape_linear
+    integer :: width = 2                           !! nodes per direction and particle
+    real(wp) :: half_domain = 0.25_wp              !! GIMP: half a particle's side over h, (0, 1/2] [-]
+    integer :: n_node = 0, n_patch = 0, n_cell = 0, n_block = 0
+    integer(i8), allocatable :: node_key(:), patch_key(:), cell_key(:), block_key(:)
+    integer, allocatable :: node_index(:, :)       !! (ndim, n_node) integer coordinates
+    integer, allocatable :: patch_node(:, :)       !! (width**ndim, n_patch) nodes, x fastest
+    integer, allocatable :: patch_base(:, :)       !! (ndim, n_patch) coordinates of the base node
+    integer, allocatable :: cell_node(:, :)        !! (2**ndim, n_cell) corner nodes, x fastest
+    integer, allocatable :: cell_base(:, :)        !! (ndim, n_cell) integer coordinates
+    integer, allocatable :: cell_block(:)          !! (n_cell) block of each cell
+    type(index_map_t) :: node_map, cell_map, block_map   !! entries shared with other ranks
+  contains
+    procedure :: build => grid_build
+    procedure :: locate => grid_locate
+    procedure :: memory_bytes => grid_memory_bytes
+  end type grid_t
+
+contains
+
+  subroutine grid_build(self, comm, spacing, origin, shape_kind, n, position, margin, n_extra, &
+                        extra_position)
+    !! Finds everything within +-margin of the positions, and its copies on other ranks.
+    !! Collective. Positions too far from the origin (2**20 spacings) are left out; `locate`
+    !! counts them as lost.
+    class(grid_t), intent(inout) :: self
+    type(communicator_t), intent(in) :: comm
+    real(wp), intent(in) :: spacing                          !! [m]
+    real(wp), intent(in) :: origin(ndim)                     !! [m]
+    integer, intent(in) :: shape_kind
+    integer, intent(in) :: n                                 !! particles
+    real(wp), intent(in) :: position(ndim, n)                !! [m]
+    real(wp), intent(in) :: margin                           !! way a particle may move [m]
+    integer, intent(in) :: n_extra                           !! points that need cells only
+    real(wp), intent(in) :: extra_position(ndim, n_extra)    !! e.g. surface points [m]
+    integer(i8), allocatable :: keys(:)
+
+    self%spacing = spacing
+    self%origin = origin
+    self%shape_kind = shape_kind
+    self%width = shape_width(shape_kind)
+
+    call touched_keys(n, position, origin, spacing, margin, 0.0_wp, self%cell_key)
+    call touched_keys(n_extra, extra_position, origin, spacing, margin, 0.0_wp, keys)
+    self%cell_key = united(self%cell_key, keys)
+    if (self%width == 2) then
+      self%patch_key = self%cell_key
+    else
+      call touched_keys(n, position, origin, spacing, margin, shape_shift(shape_kind), &
+                        self%patch_key)
+    end if
+    self%node_key = united(grown(self%cell_key, 1), grown(self%patch_key, self%width - 1))
+    call link_nodes(self)
+    call link_blocks(self)
+    call find_shared(self, comm)
+  end subroutine grid_build
+
+  subroutine touched_keys(n, position, origin, spacing, margin, shift, keys)
+    !! Sorted keys of floor(x/h - shift) for all x within +-margin of the positions. Runs of
+    !! positions with the same range cost one entry, so sorted particles leave little to sort.
+    integer, intent(in) :: n
+    real(wp), intent(in) :: position(ndim, n), origin(ndim), spacing, margin, shift
+    integer(i8), allocatable, intent(out) :: keys(:)
+    integer(i8), allocatable :: found(:)
+    integer, allocatable :: order(:)
+    integer :: pass, p, n_found, low(ndim), high(ndim), last_low(ndim), last_high(ndim)
+
+    n_found = 0
+    do pass = 1, 2
+      if (pass == 2) allocate (found(n_found))
+      n_found = 0
+      last_low = huge(1)
+      last_high = huge(1)
+      do p = 1, n
+        if (.not. all(abs(position(:, p) - origin) + margin < largest_coordinate*spacing)) cycle
+        low = floor((position(:, p) - margin - origin)/spacing - shift)
+        high = floor((position(:, p) + margin - origin)/spacing - shift)
+        if (all(low == last_low .and. high == last_high)) cycle
+        last_low = low
+        last_high = high
+        if (pass == 2) call fill_range(low, high, found(n_found + 1:))
+        n_found = n_found + product(high - low + 1)
+      end do
+    end do
+    call sort_permutation(found, order)
+    keys = unique_sorted(found(order))
+  end subroutine touched_keys
+
+  pure subroutine fill_range(low, high, keys)
+    !! Keys of all integer coordinates from low to high, x fastest.
+    integer, intent(in) :: low(ndim), high(ndim)
+    integer(i8), intent(inout) :: keys(:)
+    integer :: k, d, ijk(ndim)
+
+    ijk = low
+    do k = 1, product(high - low + 1)
+      keys(k) = pack_key(ijk)
+      do d = 1, ndim
+        ijk(d) = ijk(d) + 1
+        if (ijk(d) <= high(d)) exit
+        ijk(d) = low(d)
+      end do
+    end do
+  end subroutine fill_range
+
+  pure function united(a, b) result(c)
+    !! Union of two sorted sets of keys.
+    integer(i8), intent(in) :: a(:), b(:)
+    integer(i8), allocatable :: c(:)
+    integer(i8), allocatable :: merged(:)
+    integer :: i, j, k
+
+    allocate (merged(size(a) + size(b)))
+    i = 1
+    j = 1
+    k = 0
+    do while (i <= size(a) .or. j <= size(b))
+      k = k + 1
+      if (j > size(b)) then
+        merged(k) = a(i)
+      else if (i > size(a)) then
+        merged(k) = b(j)
+      else
+        merged(k) = min(a(i), b(j))
+      end if
+      if (i <= size(a)) then
+        if (a(i) == merged(k)) i = i + 1
+      end if
+      if (j <= size(b)) then
+        if (b(j) == merged(k)) j = j + 1
+      end if
+    end do
+    c = merged(1:k)
+  end function united
+
+  pure integer(i8) function step_key(direction) result(step)
+    !! What a key grows by when one coordinate grows by 1.
+    integer, intent(in) :: direction
+    integer :: unit(ndim)
+
+    unit = 0
+    unit(direction) = 1
+    step = pack_key(unit) - pack_key(0*unit)
+  end function step_key
+
+  pure function grown(keys, reach) result(grown_keys)
+    !! The sorted keys and all those up to `reach` above them in every direction.
+    integer(i8), intent(in) :: keys(:)
+    integer, intent(in) :: reach
+    integer(i8), allocatable :: grown_keys(:)
+    integer :: d, k
+
+    grown_keys = keys
+    do d = 1, ndim
+      do k = 1, reach
+        grown_keys = united(grown_keys, grown_keys + step_key(d))
+      end do
+    end do
+  end function grown
+
+  subroutine link_nodes(self)
+    !! Coordinates of all entries, and the nodes of patches and cells.
+    class(grid_t), intent(inout) :: self
+
+    self%n_node = size(self%node_key)
+    self%n_patch = size(self%patch_key)
+    self%n_cell = size(self%cell_key)
+    call unpack_keys(self%node_key, self%node_index)
+    call unpack_keys(self%patch_key, self%patch_base)
+    call unpack_keys(self%cell_key, self%cell_base)
+    call link_corners(self%patch_key, self%width, self%node_key, self%patch_node)
+    call link_corners(self%cell_key, 2, self%node_key, self%cell_node)
+  end subroutine link_nodes
+
+  pure subroutine unpack_keys(keys, coordinates)
+    integer(i8), intent(in) :: keys(:)
+    integer, allocatable, intent(out) :: coordinates(:, :)
+    integer :: k, ijk(3)
+
+    allocate (coordinates(ndim, size(keys)))
+    do k = 1, size(keys)
+      ijk = unpack_key(keys(k))
+      coordinates(:, k) = ijk(1:ndim)
+    end do
+  end subroutine unpack_keys
+
+  pure subroutine link_corners(base_key, width, node_key, corner)
+    !! Finds the width**ndim nodes above each base. Both lists are sorted and all corners are in
+    !! the list of nodes, so that one walk along both lists serves each corner.
+    integer(i8), intent(in) :: base_key(:), node_key(:)
+    integer, intent(in) :: width
+    integer, allocatable, intent(out) :: corner(:, :)
+    integer(i8) :: step
+    integer :: c, d, k, node
+
+    allocate (corner(width**ndim, size(base_key)))
+    do c = 1, width**ndim
+      step = 0_i8
+      do d = 1, ndim
+        step = step + mod((c - 1)/width**(d - 1), width)*step_key(d)
+      end do
+      node = 1
+      do k = 1, size(base_key)
+        do while (node_key(node) < base_key(k) + step)
+          node = node + 1
+        end do
+        corner(c, k) = node
+      end do
+    end do
+  end subroutine link_corners
+
+  subroutine link_blocks(self)
+    !! The block of 2**ndim cells that each cell belongs to.
+    class(grid_t), intent(inout) :: self
+    integer(i8), allocatable :: keys(:)
+    integer, allocatable :: order(:)
+    integer :: k
+
+    allocate (keys(self%n_cell))
+    do k = 1, self%n_cell
+      keys(k) = pack_key((self%cell_base(:, k) - modulo(self%cell_base(:, k), 2))/2)
+    end do
+    call sort_permutation(keys, order)
+    self%block_key = unique_sorted(keys(order))
+    self%n_block = size(self%block_key)
+    if (allocated(self%cell_block)) deallocate (self%cell_block)
+    allocate (self%cell_block(self%n_cell))
+    do k = 1, self%n_cell
+      self%cell_block(k) = binary_search(self%block_key, keys(k))
+    end do
+  end subroutine link_blocks
+
+  subroutine find_shared(self, comm)
+    !! Finds nodes, cells and blocks that other ranks hold, too. Collective. Only entries inside
+    !! the bounding box of another rank's cells (and its fringe) have to be looked up.
+    class(grid_t), intent(inout) :: self
+    type(communicator_t), intent(in) :: comm
+    integer(i8), allocatable :: send(:), boxes(:)
+    integer, allocatable :: n_send(:), n_receive(:), low(:, :), high(:, :), block(:, :)
+    integer :: own_box(2*ndim), k, r, n_box
+
+    allocate (n_send(0:comm%size - 1), source=merge(2*ndim, 0, self%n_cell > 0))
+    allocate (send(sum(n_send)))
+    own_box = [minval(self%cell_base, dim=2), maxval(self%cell_base, dim=2)]
+    do k = 1, size(send), 2*ndim
+      send(k:k + 2*ndim - 1) = own_box
+    end do
+    call comm%exchange(send, n_send, boxes, n_receive)
+
+    allocate (low(ndim, comm%size), high(ndim, comm%size))
+    n_box = 0
+    k = 0
+    do r = 0, comm%size - 1
+      if (n_receive(r) == 0) cycle
+      if (r /= comm%rank) then
+        n_box = n_box + 1
+        low(:, n_box) = int(boxes(k + 1:k + ndim))
+        high(:, n_box) = int(boxes(k + ndim + 1:k + 2*ndim))
+      end if
+      k = k + 2*ndim
+    end do
+    call self%node_map%init_shared(comm, self%node_key, &
+                                   inside(self%node_index, low(:, :n_box) - 1, &
+                                          high(:, :n_box) + 2))
+    call self%cell_map%init_shared(comm, self%cell_key, &
+                                   inside(self%cell_base, low(:, :n_box), high(:, :n_box)))
+    call unpack_keys(self%block_key, block)
+    call self%block_map%init_shared(comm, self%block_key, &
+                                    inside(2*block, low(:, :n_box) - 1, high(:, :n_box)))
+  end subroutine find_shared
+
+  pure function inside(coordinates, low, high) result(is_inside)
+    !! Do the coordinates lie in any of the boxes?
+    integer, intent(in) :: coordinates(:, :)   !! (ndim, n)
+    integer, intent(in) :: low(:, :), high(:, :)   !! (ndim, n_box) corners of the boxes
+    logical, allocatable :: is_inside(:)
+    integer :: b, k, own_low(ndim), own_high(ndim)
+
+    allocate (is_inside(size(coordinates, 2)), source=.false.)
+    own_low = minval(coordinates, dim=2)
+    own_high = maxval(coordinates, dim=2)
+    do b = 1, size(low, 2)
+      if (any(low(:, b) > own_high .or. high(:, b) < own_low)) cycle
+      do k = 1, size(is_inside)
+        if (all(coordinates(:, k) >= low(:, b) .and. coordinates(:, k) <= high(:, b))) &
+          is_inside(k) = .true.
+      end do
+    end do
+  end function inside
+
+  subroutine grid_locate(self, n, position, patch, cell, n_lost)
+    !! Finds the patch and cell of each position: those given are kept where they still hold.
+    class(grid_t), intent(in) :: self
+    integer, intent(in) :: n
+    real(wp), intent(in) :: position(ndim, n)   !! [m]
+    integer, intent(inout) :: patch(n)          !! last known patch or 0; 0 when not in the grid
+    integer, intent(inout) :: cell(n)           !! last known cell or 0; 0 when not in the grid
+    integer, intent(out) :: n_lost              !! positions that have no patch or no cell
+
+    if (self%width == 2) then
+      call locate_bases(n, position, self%origin, self%spacing, 0.0_wp, self%n_cell, &
+                        self%cell_base, self%cell_key, cell, n_lost)
+      patch = cell
+    else
+      call locate_bases(n, position, self%origin, self%spacing, shape_shift(self%shape_kind), &
+                        self%n_patch, self%patch_base, self%patch_key, patch, n_lost)
+      call locate_bases(n, position, self%origin, self%spacing, 0.0_wp, self%n_cell, &
+                        self%cell_base, self%cell_key, cell, n_lost)
+      n_lost = count(patch == 0 .or. cell == 0)
+    end if
+  end subroutine grid_locate
+
+  pure subroutine locate_bases(n, position, origin, spacing, shift, n_base, base, key, found, &
+                               n_lost)
+    !! Kernel: index of floor(x/h - shift) among the bases. An index that still fits is kept; the
+    !! last one found is tried before a search, because neighbours in memory are neighbours.
+    integer, intent(in) :: n
+    real(wp), intent(in) :: position(ndim, n), origin(ndim), spacing, shift
+    integer, intent(in) :: n_base, base(ndim, n_base)
+    integer(i8), intent(in) :: key(n_base)
+    integer, intent(inout) :: found(n)
+    integer, intent(out) :: n_lost
+    real(wp) :: local(ndim)
+    integer :: p, last
+
+    n_lost = 0
+    last = 0
+    do p = 1, n
+      ! A division, as in grid_build: a product with 1/h could round across a grid line.
+      local = (position(:, p) - origin)/spacing - shift
+      if (found(p) >= 1 .and. found(p) <= n_base) then
+        if (all(local >= base(:, found(p)) .and. local < base(:, found(p)) + 1)) cycle
+      end if
+      if (last > 0) then
+        if (all(local >= base(:, last) .and. local < base(:, last) + 1)) then
+          found(p) = last
+          cycle
+        end if
+      end if
+      found(p) = 0
+      if (all(abs(local) < largest_coordinate)) found(p) = binary_search(key, pack_key(floor(local)))
+      if (found(p) == 0) n_lost = n_lost + 1
+      last = found(p)
+    end do
+  end subroutine locate_bases
+
+  pure real(wp) function grid_memory_bytes(self) result(bytes)
+    !! Memory of the grid's own arrays on this rank [B].
+    class(grid_t), intent(in) :: self
+    integer :: per_node, per_patch, per_cell
+
+    per_node = 8 + 4*ndim
+    per_patch = 8 + 4*(ndim + self%width**ndim)
+    per_cell = 8 + 4*(ndim + 2**ndim + 1)
+    bytes = real(per_node, wp)*self%n_node + real(per_patch, wp)*self%n_patch + &
+            real(per_cell, wp)*self%n_cell + 8.0_wp*self%n_block
+  end function grid_memory_bytes
+end module dosui_grid

@@ -1,0 +1,79 @@
+!! The state that time integrators advance, and nothing else: particles, surface points, the grid
+!! they touch, conditions, and (in coupled scenes only) the water's operators.
+module dosui_model
+  use dosui_kinds, only: wp
+  use dosui_dimension, only: ndim
+  use dosui_communicator, only: communicator_t
+  use dosui_grid, only: grid_t
+  use dosui_head_operator, only: head_operator_t
+  use dosui_hydraulic_conditions, only: hydraulic_conditions_t
+  use dosui_index_map, only: index_map_t
+  use dosui_log, only: log_t
+  use dosui_materials, only: material_set_t
+  use dosui_nodal_conditions, only: nodal_conditions_t
+  use dosui_particle_fields, only: particle_handles_t, surface_handles_t
+  use dosui_point_set, only: point_set_t
+  use dosui_scene, only: scene_t
+  use dosui_surface_forces, only: surface_forces_t
+  use dosui_time_control, only: time_control_t
+  use dosui_timers, only: timers_t
+  use dosui_two_pass_operator, only: two_pass_operator_t
+  implicit none
+  private
+
+  type, public :: phase_timers_t
+    !! Handles of the timers of a run's phases.
+    integer :: rebuild = 0, to_grid = 0, nodes = 0, to_particles = 0, stress = 0, water = 0
+    integer :: halo = 0, output = 0
+  end type phase_timers_t
+
+  type, public :: balance_t
+    !! Running sums over all particles, for the history and the closing summary.
+    real(wp) :: inflow = 0.0_wp      !! water that entered through surfaces [m3]
+    real(wp) :: squeezed = 0.0_wp    !! water displaced by the skeleton's volume change [m3]
+    real(wp) :: stored = 0.0_wp      !! water stored by compression since the start [m3]
+  end type balance_t
+
+  type, public :: model_t
+    type(communicator_t) :: comm
+    type(scene_t) :: scene
+    type(log_t) :: log
+    type(timers_t) :: timers
+    type(phase_timers_t) :: phase
+    type(time_control_t) :: clock
+    logical :: coupled = .false.     !! water is computed
+    logical :: rigid = .false.       !! skeleton does not move: mechanics is skipped
+    logical :: updated = .false.     !! particles move, geometry follows
+
+    type(point_set_t) :: particles
+    type(particle_handles_t) :: p
+    type(point_set_t) :: surface     !! points on the body's surface
+    type(surface_handles_t) :: s
+    type(material_set_t) :: materials
+    integer, allocatable :: material(:)       !! material of each particle
+
+    type(grid_t) :: grid
+    integer, allocatable :: patch(:)          !! nodes' patch of each particle
+    integer, allocatable :: cell(:)           !! cell of each particle
+    integer, allocatable :: surface_cell(:)   !! cell of each owned surface point
+    real(wp), allocatable :: nodal(:, :)      !! (1 + 2 ndim, n_node): mass [kg], momentum, force [N]
+    real(wp), allocatable :: velocity_old(:, :)   !! (ndim, n_node) before the step [m/s]
+    real(wp), allocatable :: velocity(:, :)       !! (ndim, n_node) after the step [m/s]
+    type(nodal_conditions_t) :: nodal_conditions
+    type(surface_forces_t) :: surface_forces
+    real(wp) :: density = 0.0_wp              !! mean density of the body [kg/m3]
+
+    type(index_map_t) :: particle_map         !! ghost particles of the water's neighbourhoods
+    type(index_map_t) :: surface_map          !! ghost surface points
+    type(head_operator_t) :: head_operator
+    type(two_pass_operator_t) :: two_pass
+    type(hydraulic_conditions_t) :: hydraulic_conditions
+    real(wp) :: spacing = 0.0_wp              !! particle spacing [m]
+
+    real(wp) :: damping = 0.0_wp              !! coefficient in force [1/s] or [-]
+    type(balance_t) :: balance
+    integer :: rebuilds = 0
+    integer :: removed = 0                    !! particles that left the domain
+  contains
+  end type model_t
+end module dosui_model

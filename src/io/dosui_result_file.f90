@@ -1,0 +1,1066 @@
+!! The result file: VTKHDF poly data of the particles, step by step, with histories and the scene.
+!!
+!! A killed run must leave a file in which every completed step can be read, by VTK's reader too,
+!! which wants Steps/Values and (for a single step) NumberOfPoints exactly as long as NSteps says.
+!! HDF5 cannot change three objects at once. Therefore
+!!
+!! 1. everything large has its final size when the file is created, and its space is reserved, so
+!!    that writing a step changes no structure of the file;
+!! 2. the few things that must agree (NSteps, Steps/Values, NumberOfPoints) exist twice, below
+!!    /Commits/a and /Commits/b, and /VTKHDF is a soft link to one of them. A step is written to
+!!    free rows and to the other twin, flushed, and then the link is turned: one small write into
+!!    the first page of the file, which is either done or not.
+!! 3. the file is built under the name <path>.part and gets its name with its first complete step:
+!!    what was at `path` before is replaced by a readable file or not at all.
+!!
+!! Points are stored in the order of their global id, so files do not depend on the ranks.
+module dosui_result_file
+  use dosui_kinds, only: wp, i8
+  use dosui_error, only: error_t
+  use dosui_dimension, only: ndim
+  use dosui_communicator, only: communicator_t
+  use dosui_sort, only: sort_permutation
+  use dosui_file_exchange, only: rename_file
+  use dosui_history, only: history_t, history_column_t
+  use dosui_hdf5, only: hid_t, hdf5_file_t, hdf5_real, hdf5_integer, &
+                        hdf5_create_group, hdf5_open_group, hdf5_close_group, &
+                        hdf5_create_dataset, hdf5_open_dataset, hdf5_close_dataset, &
+                        hdf5_dataset_shape, hdf5_resize_dataset, &
+                        hdf5_write_rows, hdf5_read_rows, &
+                        hdf5_write_attribute, hdf5_read_attribute, hdf5_update_attribute, &
+                        hdf5_write_text, hdf5_read_text, &
+                        hdf5_exists, hdf5_n_links, hdf5_create_soft_link, hdf5_create_hard_link, &
+                        hdf5_remove_link
+  use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
+  implicit none
+  private
+
+  character(len=*), parameter :: twin_name(2) = ['a', 'b']
+  integer, parameter :: copy_rows = 1000000   !! rows a rank holds while copying
+
+  type, public :: result_field_t
+    !! A quantity stored for every point.
+    character(len=64) :: name = ''
+    character(len=16) :: unit = ''
+    integer :: n_components = 1     !! 1, 3 (vectors) or 6 (xx, yy, zz, xy, yz, zx)
+  end type result_field_t
+
+  type, public :: result_layout_t
+    !! What a result file holds; equal on all ranks.
+    integer :: n_step_max = 0                       !! output steps there is room for
+    integer(i8) :: n_point = 0_i8                   !! points a step on all ranks, at most
+    type(result_field_t), allocatable :: field(:)
+    type(history_column_t), allocatable :: history(:)
+    integer(i8) :: history_capacity = 0_i8          !! rows of the histories there is room for
+    character(len=:), allocatable :: scene_text     !! the namelist as read
+    character(len=:), allocatable :: scene_echo     !! every key with the value in force
+    character(len=64), allocatable :: metadata_name(:)     !! e.g. 'git_hash'; attributes of /Scene
+    character(len=256), allocatable :: metadata_value(:)
+  end type result_layout_t
+
+  type :: twin_t
+    !! One of the two sets of objects that must change together.
+    integer(hid_t) :: steps = -1_hid_t, values = -1_hid_t, number_of_points = -1_hid_t
+    integer :: n_valid = 0          !! leading steps whose entries are right
+    logical :: is_known = .false.   !! the tables are not longer than that
+  end type twin_t
+
+  type, public :: result_file_t
+    !! An open result file. All procedures are collective.
+    integer :: n_step = 0                  !! completed steps
+    real(wp) :: last_time = -huge(1.0_wp)  !! of the last completed step [s]
+    integer(i8) :: n_history = 0_i8        !! completed rows of the histories
+    type(result_layout_t), private :: layout
+    type(hdf5_file_t), private :: file
+    character(len=:), allocatable, private :: path
+    logical, private :: has_name = .false.          !! false: still under its .part name
+    real(wp), allocatable, private :: time(:)       !! (n_step_max) [s]
+    integer(i8), allocatable, private :: count(:)   !! (n_step_max) points of a step
+    integer(i8), private :: n_row = 0_i8            !! rows in use
+    integer, private :: active = 0                  !! twin that /VTKHDF shows; 0: none yet
+    type(twin_t), private :: twin(2)
+    integer(hid_t), private :: points = -1_hid_t, ids = -1_hid_t
+    integer(hid_t), private :: point_offsets = -1_hid_t, number_of_cells = -1_hid_t
+    integer(hid_t), private :: history_group = -1_hid_t
+    integer(hid_t), allocatable, private :: field(:), history(:)
+  contains
+    procedure :: create => result_create
+    procedure :: open_existing => result_open_existing
+    procedure :: write_step => result_write_step
+    procedure :: write_history => result_write_history
+    procedure :: close => result_close
+  end type result_file_t
+
+contains
+
+  ! ---------------------------------------------------------------- public
+
+  subroutine result_create(self, comm, path, layout, err)
+    !! Prepares a new file; `path` itself changes when the first step is complete.
+    class(result_file_t), intent(inout) :: self
+    type(communicator_t), intent(in) :: comm
+    character(len=*), intent(in) :: path            !! ends in .vtkhdf
+    type(result_layout_t), intent(in) :: layout
+    type(error_t), intent(inout) :: err
+
+    call check_layout(layout, err)
+    call comm%agree(err)
+    if (err%failed()) return
+    self%layout = layout
+    self%path = path
+    self%has_name = .false.
+    call start_counting(self)
+    call build_file(self, comm, path//'.part', err)
+    if (.not. err%failed()) call attach(self, comm, path//'.part', err)
+    call comm%agree(err)
+  end subroutine result_create
+
+  subroutine result_open_existing(self, comm, path, time, layout, err)
+    !! Continues the file of an interrupted run: steps and history rows later than `time` go.
+    !!
+    !! If scene, fields, histories or sizes differ from the file's, the kept steps are copied to a
+    !! new file; then values of fields that the old file lacks are zero, of histories NaN.
+    class(result_file_t), intent(inout) :: self
+    type(communicator_t), intent(in) :: comm
+    character(len=*), intent(in) :: path
+    real(wp), intent(in) :: time                    !! of the checkpoint [s]
+    type(result_layout_t), intent(in) :: layout     !! of the continued run
+    type(error_t), intent(inout) :: err
+    type(result_file_t) :: old
+    integer :: n_kept
+
+    call check_layout(layout, err)
+    call comm%agree(err)
+    if (err%failed()) return
+    old%path = path
+    old%has_name = .true.
+    call read_layout(old, comm, path, err)
+    call comm%agree(err)
+    if (err%failed()) then
+      call old%close(comm, err)
+      return
+    end if
+    n_kept = count(old%time(:old%n_step) <= time + 4.0_wp*spacing(abs(time)))
+    if (n_kept > 0 .and. is_compatible(old, layout)) then
+      call continue_in_place(self, comm, old, n_kept, time, layout, err)
+    else
+      call continue_in_copy(self, comm, old, n_kept, time, layout, err)
+    end if
+    call comm%agree(err)
+  end subroutine result_open_existing
+
+  subroutine result_write_step(self, comm, time, n, id, points, values, err)
+    !! Adds a step. Ranks pass their own points in any order; they are stored by increasing id.
+    !!
+    !! A step at the time of the last one is already there (restart, end of run): nothing is done.
+    class(result_file_t), intent(inout) :: self
+    type(communicator_t), intent(in) :: comm
+    real(wp), intent(in) :: time             !! [s]
+    integer, intent(in) :: n                 !! points of this rank, may be 0
+    integer(i8), intent(in) :: id(n)         !! global, unique
+    real(wp), intent(in) :: points(3, n)     !! positions, unused coordinates 0 [m]
+    real(wp), intent(in) :: values(:, :)     !! (sum of the fields' components, n), fields in order
+    type(error_t), intent(inout) :: err
+    integer, allocatable :: outgoing(:), send_count(:), order(:)
+    integer(i8), allocatable :: sorted_id(:)
+    integer(i8) :: n_total, first_row
+    integer :: k, row, width, n_local
+
+    if (self%n_step > 0 .and. .not. (time > self%last_time)) then
+      if (.not. (abs(time - self%last_time) <= 0.0_wp)) call err%set('output steps go back in time')
+      return
+    end if
+    n_total = comm%sum(int(n, i8))
+    call check_room(self, n_total, err)
+    if (err%failed()) return
+    call plan_redistribution(comm, n, id, outgoing, send_count, order, sorted_id)
+    n_local = size(sorted_id)
+    first_row = self%n_row + comm%prefix_sum(int(n_local, i8)) + 1_i8
+    call hdf5_write_rows(self%ids, first_row, n_local, sorted_id, err)
+    call write_columns(comm, self%points, first_row, 3, n, points, outgoing, send_count, order, err)
+    row = 0
+    do k = 1, size(self%layout%field)
+      width = self%layout%field(k)%n_components
+      call write_columns(comm, self%field(k), first_row, width, n, values(row + 1:row + width, :), &
+                         outgoing, send_count, order, err)
+      row = row + width
+    end do
+    call commit(self, comm, self%n_step + 1, time, n_total, err)
+  end subroutine result_write_step
+
+  subroutine result_write_history(self, comm, history, err)
+    !! Writes the rows waiting on root and forgets them.
+    class(result_file_t), intent(inout) :: self
+    type(communicator_t), intent(in) :: comm
+    type(history_t), intent(inout) :: history
+    type(error_t), intent(inout) :: err
+    real(wp), allocatable :: column(:)
+    integer(i8) :: n_new(1)
+    integer :: k, n
+
+    n_new = 0_i8
+    if (comm%is_root()) n_new = history%n_row
+    call comm%broadcast(n_new)
+    if (n_new(1) == 0_i8) return
+    if (self%n_history + n_new(1) > self%layout%history_capacity) then
+      call err%set('there is no room for more history rows in '//self%path)
+      return
+    end if
+    n = int(n_new(1))
+    if (comm%is_root()) then
+      allocate (column(n))
+      do k = 1, size(self%history)
+        column(:) = history%value(k, :n)
+        call hdf5_write_rows(self%history(k), self%n_history + 1_i8, n, column, err)
+      end do
+    end if
+    call comm%agree(err)
+    if (err%failed()) return
+    self%n_history = self%n_history + n_new(1)
+    call hdf5_update_attribute(self%history_group, 'n_entries', self%n_history, err)
+    call self%file%flush(err)
+    call comm%agree(err)
+    call history%clear()
+  end subroutine result_write_history
+
+  subroutine result_close(self, comm, err)
+    !! Ends the file. Without any step it stays under its .part name.
+    class(result_file_t), intent(inout) :: self
+    type(communicator_t), intent(in) :: comm
+    type(error_t), intent(inout) :: err
+
+    if (.not. self%file%is_open()) return
+    call self%file%close(err)
+    call comm%agree(err)
+  end subroutine result_close
+
+  ! ---------------------------------------------------------------- checks
+
+  subroutine check_layout(layout, err)
+    type(result_layout_t), intent(in) :: layout
+    type(error_t), intent(inout) :: err
+    integer :: k, j
+
+    if (layout%n_step_max < 1) call err%set('a result file needs room for one step at least')
+    if (.not. (allocated(layout%field) .and. allocated(layout%history) .and. &
+               allocated(layout%metadata_name) .and. allocated(layout%metadata_value))) then
+      call err%set('the layout of the result file is incomplete')
+      return
+    end if
+    if (layout%history_capacity < 0_i8) call err%set('negative number of history rows')
+    do k = 1, size(layout%field)
+      if (layout%field(k)%n_components < 1) call err%set('a result field has no components')
+      if (layout%field(k)%name == 'id') call err%set("the result field 'id' is always written")
+      do j = 1, k - 1
+        if (layout%field(j)%name == layout%field(k)%name) then
+          call err%set("two result fields are called '"//trim(layout%field(k)%name)//"'")
+        end if
+      end do
+    end do
+  end subroutine check_layout
+
+  subroutine check_room(self, n_total, err)
+    type(result_file_t), intent(in) :: self
+    integer(i8), intent(in) :: n_total
+    type(error_t), intent(inout) :: err
+
+    if (.not. self%file%is_open()) then
+      call err%set('the result file is not open')
+    else if (self%n_step >= self%layout%n_step_max) then
+      call err%set('there is no room for more output steps in '//self%path)
+    else if (n_total > self%layout%n_point) then
+      call err%set('there is no room for so many points in '//self%path)
+    end if
+  end subroutine check_room
+
+  logical function is_compatible(old, layout) result(is)
+    !! Can the run described by `layout` go on in the file?
+    type(result_file_t), intent(in) :: old
+    type(result_layout_t), intent(in) :: layout
+    integer(hid_t) :: group
+    integer(i8) :: n_row
+    integer :: k, width
+    type(error_t) :: err
+
+    is = old%layout%n_step_max >= layout%n_step_max .and. old%layout%n_point >= layout%n_point &
+         .and. old%layout%scene_text == layout%scene_text .and. &
+         hdf5_n_links(old%history_group) == size(layout%history)
+    call hdf5_open_group(old%file%id, 'VTKHDF/PointData', group, err)
+    is = is .and. hdf5_n_links(group) == size(layout%field) + 1
+    do k = 1, size(layout%field)
+      call find_dataset(group, layout%field(k)%name, width, n_row)
+      is = is .and. width == layout%field(k)%n_components
+    end do
+    call hdf5_close_group(group, err)
+    do k = 1, size(layout%history)
+      call find_dataset(old%history_group, layout%history(k)%name, width, n_row)
+      is = is .and. width == 1 .and. n_row >= layout%history_capacity
+    end do
+  end function is_compatible
+
+  subroutine find_dataset(group, name, width, n_row)
+    !! Size of a dataset; 0 if there is none of this name.
+    integer(hid_t), intent(in) :: group
+    character(len=*), intent(in) :: name
+    integer, intent(out) :: width
+    integer(i8), intent(out) :: n_row
+    integer(hid_t) :: dataset
+    type(error_t) :: err
+
+    width = 0
+    n_row = 0_i8
+    if (.not. hdf5_exists(group, trim(name))) return
+    call hdf5_open_dataset(group, trim(name), dataset, err)
+    if (err%failed()) return
+    call hdf5_dataset_shape(dataset, width, n_row, err)
+    call hdf5_close_dataset(dataset, err)
+  end subroutine find_dataset
+
+  subroutine start_counting(self)
+    !! An empty file of the given layout.
+    type(result_file_t), intent(inout) :: self
+
+    self%n_step = 0
+    self%last_time = -huge(1.0_wp)
+    self%n_history = 0_i8
+    self%n_row = 0_i8
+    self%active = 0
+    self%twin(:)%n_valid = 0
+    self%twin(:)%is_known = .false.
+    if (allocated(self%time)) deallocate (self%time)
+    if (allocated(self%count)) deallocate (self%count)
+    allocate (self%time(self%layout%n_step_max), source=0.0_wp)
+    allocate (self%count(self%layout%n_step_max), source=0_i8)
+  end subroutine start_counting
+
+  ! ---------------------------------------------------------------- a new file
+
+  subroutine build_file(self, comm, path, err)
+    !! Creates every object the file will ever have, and closes it.
+    type(result_file_t), intent(inout) :: self
+    type(communicator_t), intent(in) :: comm
+    character(len=*), intent(in) :: path
+    type(error_t), intent(inout) :: err
+    integer(hid_t) :: group
+    logical :: ok
+
+    call self%file%create(comm, path, err)
+    call comm%agree(err)
+    if (err%failed()) return
+    ! First, so that the three objects changed during the run lie in the first page of the file.
+    call hdf5_create_soft_link(self%file%id, 'VTKHDF', '/Commits/a', err)
+    call hdf5_create_group(self%file%id, 'History', group, err)
+    call hdf5_write_attribute(group, 'n_entries', 0_i8, err)
+    call build_histories(self%layout, comm, group, err)
+    call hdf5_close_group(group, err)
+    call build_scene(self%layout, comm, self%file%id, err)
+    call build_twins(self%layout, comm, self%file%id, err)
+    ok = .not. err%failed()
+    call self%file%flush(err)
+    call self%file%close(err)
+    call comm%agree(err)
+    if (ok .and. err%failed()) call err%set('cannot write '//path)
+  end subroutine build_file
+
+  subroutine build_histories(layout, comm, group, err)
+    !! One dataset a history, filled with NaN.
+    type(result_layout_t), intent(in) :: layout
+    type(communicator_t), intent(in) :: comm
+    integer(hid_t), intent(in) :: group
+    type(error_t), intent(inout) :: err
+    integer(hid_t) :: dataset
+    integer :: k
+
+    do k = 1, size(layout%history)
+      call hdf5_create_dataset(group, trim(layout%history(k)%name), hdf5_real, 1, &
+                               layout%history_capacity, dataset, err)
+      call hdf5_write_attribute(dataset, 'unit', trim(layout%history(k)%unit), err)
+      if (comm%is_root()) call write_nan(dataset, 1_i8, layout%history_capacity, err)
+      call hdf5_close_dataset(dataset, err)
+    end do
+  end subroutine build_histories
+
+  subroutine write_nan(dataset, first_row, last_row, err)
+    !! Marks rows of a history as unused.
+    integer(hid_t), intent(in) :: dataset
+    integer(i8), intent(in) :: first_row, last_row
+    type(error_t), intent(inout) :: err
+    real(wp), allocatable :: nan(:)
+    integer(i8) :: row
+    integer :: n
+
+    n = int(min(int(copy_rows, i8), max(0_i8, last_row - first_row + 1_i8)))
+    allocate (nan(n))
+    nan = ieee_value(1.0_wp, ieee_quiet_nan)
+    do row = first_row, last_row, int(max(1, n), i8)
+      call hdf5_write_rows(dataset, row, int(min(int(n, i8), last_row - row + 1_i8)), nan, err)
+    end do
+  end subroutine write_nan
+
+  subroutine build_scene(layout, comm, file, err)
+    !! The scene's text, what was made of it, and where the result comes from.
+    type(result_layout_t), intent(in) :: layout
+    type(communicator_t), intent(in) :: comm
+    integer(hid_t), intent(in) :: file
+    type(error_t), intent(inout) :: err
+    integer(hid_t) :: group
+    integer :: k
+
+    call hdf5_create_group(file, 'Scene', group, err)
+    call hdf5_write_attribute(group, 'ndim', int(ndim, i8), err)
+    call hdf5_write_attribute(group, 'ranks', int(comm%size, i8), err)
+    do k = 1, size(layout%metadata_name)
+      call hdf5_write_attribute(group, trim(layout%metadata_name(k)), &
+                                trim(layout%metadata_value(k)), err)
+    end do
+    call hdf5_write_text(group, 'text', layout%scene_text, comm%is_root(), err)
+    call hdf5_write_text(group, 'echo', layout%scene_echo, comm%is_root(), err)
+    call hdf5_close_group(group, err)
+  end subroutine build_scene
+
+  subroutine build_twins(layout, comm, file, err)
+    !! /Commits/a with everything, /Commits/b sharing all of it that need not exist twice.
+    type(result_layout_t), intent(in) :: layout
+    type(communicator_t), intent(in) :: comm
+    integer(hid_t), intent(in) :: file
+    type(error_t), intent(inout) :: err
+    character(len=*), parameter :: shared(6) = [character(len=9) :: 'Points', 'PointData', &
+                                                'Vertices', 'Lines', 'Polygons', 'Strips']
+    character(len=*), parameter :: shared_steps(6) = &
+      [character(len=21) :: 'PartOffsets', 'NumberOfParts', 'PointOffsets', 'CellOffsets', &
+       'ConnectivityIdOffsets', 'PointDataOffsets']
+    integer(hid_t) :: commits, first, second, first_steps, second_steps
+    integer :: k
+
+    call hdf5_create_group(file, 'Commits', commits, err)
+    call build_twin(layout, commits, 1, first, first_steps, err)
+    call build_twin(layout, commits, 2, second, second_steps, err)
+    call build_points(layout, first, err)
+    call build_cells(layout, comm, first, err)
+    call build_step_tables(layout, comm, first_steps, err)
+    do k = 1, size(shared)
+      call hdf5_create_hard_link(first, trim(shared(k)), second, trim(shared(k)), err)
+    end do
+    do k = 1, size(shared_steps)
+      call hdf5_create_hard_link(first_steps, trim(shared_steps(k)), second_steps, &
+                                 trim(shared_steps(k)), err)
+    end do
+    call hdf5_close_group(first_steps, err)
+    call hdf5_close_group(second_steps, err)
+    call hdf5_close_group(first, err)
+    call hdf5_close_group(second, err)
+    call hdf5_close_group(commits, err)
+  end subroutine build_twins
+
+  subroutine build_twin(layout, parent, twin, group, steps, err)
+    type(result_layout_t), intent(in) :: layout
+    integer(hid_t), intent(in) :: parent
+    integer, intent(in) :: twin
+    integer(hid_t), intent(out) :: group, steps
+    type(error_t), intent(inout) :: err
+    integer(hid_t) :: dataset
+    integer(i8) :: n_step
+
+    n_step = int(layout%n_step_max, i8)
+    call hdf5_create_group(parent, twin_name(twin), group, err)
+    call hdf5_write_attribute(group, 'Version', [2_i8, 0_i8], err)
+    call hdf5_write_attribute(group, 'Type', 'PolyData', err)
+    call hdf5_write_attribute(group, 'twin', int(twin, i8), err)
+    call hdf5_create_group(group, 'Steps', steps, err)
+    call hdf5_write_attribute(steps, 'NSteps', 0_i8, err)
+    call hdf5_create_dataset(group, 'NumberOfPoints', hdf5_integer, 1, 1_i8, dataset, err, &
+                             n_row_max=n_step)
+    call hdf5_close_dataset(dataset, err)
+    call hdf5_create_dataset(steps, 'Values', hdf5_real, 1, 1_i8, dataset, err, n_row_max=n_step)
+    call hdf5_write_attribute(dataset, 'unit', 's', err)
+    call hdf5_close_dataset(dataset, err)
+  end subroutine build_twin
+
+  subroutine build_points(layout, parent, err)
+    !! Positions and fields of all steps, one after the other.
+    type(result_layout_t), intent(in) :: layout
+    integer(hid_t), intent(in) :: parent
+    type(error_t), intent(inout) :: err
+    integer(hid_t) :: dataset, group
+    integer(i8) :: n_row
+    integer :: k
+
+    n_row = layout%n_point*layout%n_step_max
+    call hdf5_create_dataset(parent, 'Points', hdf5_real, 3, n_row, dataset, err)
+    call hdf5_write_attribute(dataset, 'unit', 'm', err)
+    call hdf5_close_dataset(dataset, err)
+    call hdf5_create_group(parent, 'PointData', group, err)
+    call hdf5_create_dataset(group, 'id', hdf5_integer, 1, n_row, dataset, err)
+    call hdf5_close_dataset(dataset, err)
+    do k = 1, size(layout%field)
+      call hdf5_create_dataset(group, trim(layout%field(k)%name), hdf5_real, &
+                               layout%field(k)%n_components, n_row, dataset, err)
+      call hdf5_write_attribute(dataset, 'unit', trim(layout%field(k)%unit), err)
+      call hdf5_close_dataset(dataset, err)
+    end do
+    call hdf5_close_group(group, err)
+  end subroutine build_points
+
+  subroutine build_cells(layout, comm, parent, err)
+    !! One vertex a point: the same cells serve every step, as many of them as it has points.
+    type(result_layout_t), intent(in) :: layout
+    type(communicator_t), intent(in) :: comm
+    integer(hid_t), intent(in) :: parent
+    type(error_t), intent(inout) :: err
+    integer(hid_t) :: group, counts, offsets, connectivity
+    integer(i8), allocatable :: zero(:)
+
+    allocate (zero(layout%n_step_max), source=0_i8)
+    call hdf5_create_group(parent, 'Vertices', group, err)
+    call hdf5_create_dataset(group, 'NumberOfCells', hdf5_integer, 1, size(zero, kind=i8), &
+                             counts, err)
+    call hdf5_create_hard_link(group, 'NumberOfCells', group, 'NumberOfConnectivityIds', err)
+    call hdf5_create_dataset(group, 'Offsets', hdf5_integer, 1, layout%n_point + 1_i8, offsets, err)
+    call hdf5_create_dataset(group, 'Connectivity', hdf5_integer, 1, layout%n_point, &
+                             connectivity, err)
+    if (comm%is_root()) call hdf5_write_rows(counts, 1_i8, size(zero), zero, err)
+    call write_sequence(comm, offsets, layout%n_point + 1_i8, err)
+    call write_sequence(comm, connectivity, layout%n_point, err)
+    call hdf5_close_dataset(counts, err)
+    call hdf5_close_dataset(offsets, err)
+    call hdf5_close_dataset(connectivity, err)
+    call hdf5_close_group(group, err)
+
+    call hdf5_create_group(parent, 'Lines', group, err)
+    call hdf5_create_dataset(group, 'NumberOfCells', hdf5_integer, 1, size(zero, kind=i8), &
+                             counts, err)
+    call hdf5_create_hard_link(group, 'NumberOfCells', group, 'NumberOfConnectivityIds', err)
+    call hdf5_create_dataset(group, 'Offsets', hdf5_integer, 1, 1_i8, offsets, err)
+    call hdf5_create_dataset(group, 'Connectivity', hdf5_integer, 1, 0_i8, connectivity, err)
+    if (comm%is_root()) call hdf5_write_rows(counts, 1_i8, size(zero), zero, err)
+    if (comm%is_root()) call hdf5_write_rows(offsets, 1_i8, 1, zero(:1), err)
+    call hdf5_close_dataset(counts, err)
+    call hdf5_close_dataset(offsets, err)
+    call hdf5_close_dataset(connectivity, err)
+    call hdf5_close_group(group, err)
+    call hdf5_create_hard_link(parent, 'Lines', parent, 'Polygons', err)
+    call hdf5_create_hard_link(parent, 'Lines', parent, 'Strips', err)
+  end subroutine build_cells
+
+  subroutine write_sequence(comm, dataset, n, err)
+    !! Writes 0, 1, …, n - 1; every rank its share, block by block.
+    type(communicator_t), intent(in) :: comm
+    integer(hid_t), intent(in) :: dataset
+    integer(i8), intent(in) :: n
+    type(error_t), intent(inout) :: err
+    integer(i8), allocatable :: number(:)
+    integer(i8) :: first, last, row
+    integer :: i, m
+
+    call share(n, comm%rank, comm%size, first, last)
+    allocate (number(int(min(int(copy_rows, i8), last - first + 1_i8))))
+    do row = first, last, int(copy_rows, i8)
+      m = int(min(int(copy_rows, i8), last - row + 1_i8))
+      do i = 1, m
+        number(i) = row + i - 2_i8
+      end do
+      call hdf5_write_rows(dataset, row, m, number, err)
+    end do
+  end subroutine write_sequence
+
+  pure subroutine share(n, rank, n_rank, first, last)
+    !! The contiguous part of 1, …, n that falls to a rank.
+    integer(i8), intent(in) :: n
+    integer, intent(in) :: rank, n_rank
+    integer(i8), intent(out) :: first, last
+    integer(i8) :: part, rest
+
+    part = n/n_rank
+    rest = mod(n, int(n_rank, i8))
+    first = rank*part + min(int(rank, i8), rest) + 1_i8
+    last = first + part - 1_i8
+    if (rank < rest) last = last + 1_i8
+  end subroutine share
+
+  subroutine build_step_tables(layout, comm, steps, err)
+    !! The tables of a step's whereabouts. Cells start at 0 in every step, see build_cells.
+    type(result_layout_t), intent(in) :: layout
+    type(communicator_t), intent(in) :: comm
+    integer(hid_t), intent(in) :: steps
+    type(error_t), intent(inout) :: err
+    integer(i8), allocatable :: table(:)
+    integer(hid_t) :: group
+    integer :: i, k, n
+
+    n = layout%n_step_max
+    allocate (table(4*n), source=0_i8)
+    call build_table(comm, steps, 'CellOffsets', 4, n, table, err)
+    call build_table(comm, steps, 'ConnectivityIdOffsets', 4, n, table, err)
+    call build_table(comm, steps, 'PointOffsets', 1, n, table, err)
+    table = 1_i8
+    call build_table(comm, steps, 'NumberOfParts', 1, n, table, err)
+    do i = 1, n
+      table(i) = i - 1
+    end do
+    call build_table(comm, steps, 'PartOffsets', 1, n, table, err)
+    call hdf5_create_group(steps, 'PointDataOffsets', group, err)
+    call hdf5_create_hard_link(steps, 'PointOffsets', group, 'id', err)
+    do k = 1, size(layout%field)
+      call hdf5_create_hard_link(steps, 'PointOffsets', group, trim(layout%field(k)%name), err)
+    end do
+    call hdf5_close_group(group, err)
+  end subroutine build_step_tables
+
+  subroutine build_table(comm, parent, name, width, n, values, err)
+    type(communicator_t), intent(in) :: comm
+    integer(hid_t), intent(in) :: parent
+    character(len=*), intent(in) :: name
+    integer, intent(in) :: width, n
+    integer(i8), intent(in) :: values(width*n)
+    type(error_t), intent(inout) :: err
+    integer(hid_t) :: dataset
+
+    call hdf5_create_dataset(parent, name, hdf5_integer, width, int(n, i8), dataset, err)
+    if (comm%is_root()) then
+      if (width == 1) call hdf5_write_rows(dataset, 1_i8, n, values, err)
+      if (width > 1) call hdf5_write_rows(dataset, 1_i8, width, n, &
+                                          reshape(values, [width, n]), err)
+    end if
+    call hdf5_close_dataset(dataset, err)
+  end subroutine build_table
+
+  ! ---------------------------------------------------------------- steps
+
+  subroutine attach(self, comm, path, err)
+    !! Opens the file for writing and all objects that change.
+    type(result_file_t), intent(inout) :: self
+    type(communicator_t), intent(in) :: comm
+    character(len=*), intent(in) :: path
+    type(error_t), intent(inout) :: err
+    character(len=:), allocatable :: root
+    integer :: k
+
+    call self%file%open(comm, path, .true., err)
+    call comm%agree(err)
+    if (err%failed()) return
+    do k = 1, 2
+      root = '/Commits/'//twin_name(k)
+      call hdf5_open_group(self%file%id, root//'/Steps', self%twin(k)%steps, err)
+      call hdf5_open_dataset(self%file%id, root//'/Steps/Values', self%twin(k)%values, err)
+      call hdf5_open_dataset(self%file%id, root//'/NumberOfPoints', &
+                             self%twin(k)%number_of_points, err)
+    end do
+    call hdf5_open_dataset(self%file%id, root//'/Points', self%points, err)
+    call hdf5_open_dataset(self%file%id, root//'/PointData/id', self%ids, err)
+    call hdf5_open_dataset(self%file%id, root//'/Steps/PointOffsets', self%point_offsets, err)
+    call hdf5_open_dataset(self%file%id, root//'/Vertices/NumberOfCells', &
+                           self%number_of_cells, err)
+    if (allocated(self%field)) deallocate (self%field)
+    if (allocated(self%history)) deallocate (self%history)
+    allocate (self%field(size(self%layout%field)), source=-1_hid_t)
+    allocate (self%history(size(self%layout%history)), source=-1_hid_t)
+    do k = 1, size(self%field)
+      call hdf5_open_dataset(self%file%id, root//'/PointData/'//trim(self%layout%field(k)%name), &
+                             self%field(k), err)
+    end do
+    call hdf5_open_group(self%file%id, 'History', self%history_group, err)
+    do k = 1, size(self%history)
+      call hdf5_open_dataset(self%history_group, trim(self%layout%history(k)%name), &
+                             self%history(k), err)
+    end do
+  end subroutine attach
+
+  subroutine commit(self, comm, n_step, time, n_total, err)
+    !! Makes a step whose rows have been written part of the file (see the top of this module).
+    type(result_file_t), intent(inout) :: self
+    type(communicator_t), intent(in) :: comm
+    integer, intent(in) :: n_step          !! steps of the file afterwards
+    real(wp), intent(in) :: time           !! of the last of them [s]
+    integer(i8), intent(in) :: n_total     !! points of the last of them
+    type(error_t), intent(inout) :: err
+
+    if (comm%is_root()) then
+      call hdf5_write_rows(self%point_offsets, int(n_step, i8), 1, [self%n_row], err)
+      call hdf5_write_rows(self%number_of_cells, int(n_step, i8), 1, [n_total], err)
+    end if
+    call comm%agree(err)
+    if (err%failed()) return
+    self%time(n_step) = time
+    self%count(n_step) = n_total
+    call show(self, comm, n_step, err)
+    if (err%failed()) return
+    self%n_row = self%n_row + n_total
+  end subroutine commit
+
+  subroutine show(self, comm, n_step, err)
+    !! Turns /VTKHDF to the twin that has the first n_step steps.
+    type(result_file_t), intent(inout) :: self
+    type(communicator_t), intent(in) :: comm
+    integer, intent(in) :: n_step
+    type(error_t), intent(inout) :: err
+    integer :: next
+
+    next = 1
+    if (self%active == 1) next = 2
+    call fill_twin(self, comm, self%twin(next), n_step, err)
+    call self%file%flush(err)
+    call comm%agree(err)
+    if (err%failed()) return
+    call hdf5_remove_link(self%file%id, 'VTKHDF', err)
+    call hdf5_create_soft_link(self%file%id, 'VTKHDF', '/Commits/'//twin_name(next), err)
+    call self%file%flush(err)
+    if (.not. self%has_name .and. comm%is_root() .and. .not. err%failed()) then
+      call rename_file(self%path//'.part', self%path, err)
+    end if
+    call comm%agree(err)
+    if (err%failed()) return
+    self%has_name = .true.
+    self%active = next
+    self%n_step = n_step
+    self%last_time = self%time(n_step)
+  end subroutine show
+
+  subroutine fill_twin(self, comm, twin, n_step, err)
+    !! Sizes of the twin's tables, and the entries it does not have yet.
+    type(result_file_t), intent(in) :: self
+    type(communicator_t), intent(in) :: comm
+    type(twin_t), intent(inout) :: twin
+    integer, intent(in) :: n_step
+    type(error_t), intent(inout) :: err
+    integer :: first, n
+
+    call hdf5_resize_dataset(twin%values, int(n_step, i8), err)
+    call hdf5_resize_dataset(twin%number_of_points, int(n_step, i8), err)
+    if (n_step < twin%n_valid .or. .not. twin%is_known) then
+      ! HDF5 rewrites a table whose size is lowered, on every rank: let that be over.
+      call self%file%flush(err)
+      call comm%barrier()
+      twin%n_valid = 0
+      twin%is_known = .true.
+    end if
+    first = min(twin%n_valid, n_step - 1) + 1
+    n = n_step - first + 1
+    if (comm%is_root()) then
+      call hdf5_write_rows(twin%values, int(first, i8), n, self%time(first:n_step), err)
+      call hdf5_write_rows(twin%number_of_points, int(first, i8), n, self%count(first:n_step), err)
+    end if
+    call hdf5_update_attribute(twin%steps, 'NSteps', int(n_step, i8), err)
+    twin%n_valid = n_step
+  end subroutine fill_twin
+
+  subroutine plan_redistribution(comm, n, id, outgoing, send_count, order, sorted_id)
+    !! Every rank gets an interval of ids; intervals of rising rank, of about equal size.
+    type(communicator_t), intent(in) :: comm
+    integer, intent(in) :: n
+    integer(i8), intent(in) :: id(n)
+    integer, allocatable, intent(out) :: outgoing(:)     !! own points ordered by receiving rank
+    integer, allocatable, intent(out) :: send_count(:)   !! (0:size-1)
+    integer, allocatable, intent(out) :: order(:)        !! arrived points by increasing id
+    integer(i8), allocatable, intent(out) :: sorted_id(:)
+    integer(i8), allocatable :: send(:), arrived(:)
+    integer, allocatable :: next(:), arrived_count(:)
+    integer(i8) :: first_id, last_id, block
+    integer :: i, rank
+
+    first_id = comm%minimum(minval([huge(1_i8), id]))
+    last_id = comm%maximum(maxval([-huge(1_i8), id]))
+    block = 1_i8
+    if (last_id >= first_id) block = (last_id - first_id)/comm%size + 1_i8
+    allocate (send_count(0:comm%size - 1), source=0)
+    allocate (next(0:comm%size - 1), source=1)
+    do i = 1, n
+      rank = int((id(i) - first_id)/block)
+      send_count(rank) = send_count(rank) + 1
+    end do
+    do rank = 1, comm%size - 1
+      next(rank) = next(rank - 1) + send_count(rank - 1)
+    end do
+    allocate (outgoing(n), send(n))
+    do i = 1, n
+      rank = int((id(i) - first_id)/block)
+      outgoing(next(rank)) = i
+      send(next(rank)) = id(i)
+      next(rank) = next(rank) + 1
+    end do
+    call comm%exchange(send, send_count, arrived, arrived_count)
+    allocate (order(size(arrived)), sorted_id(size(arrived)))
+    call sort_permutation(arrived, order)
+    do i = 1, size(arrived)
+      sorted_id(i) = arrived(order(i))
+    end do
+  end subroutine plan_redistribution
+
+  subroutine write_columns(comm, dataset, first_row, width, n, values, outgoing, send_count, &
+                           order, err)
+    !! Sends the rows of one field to their ranks and writes them there.
+    type(communicator_t), intent(in) :: comm
+    integer(hid_t), intent(in) :: dataset
+    integer(i8), intent(in) :: first_row          !! of this rank in the file
+    integer, intent(in) :: width, n
+    real(wp), intent(in) :: values(:, :)          !! (width, n)
+    integer, intent(in) :: outgoing(n), send_count(0:), order(:)
+    type(error_t), intent(inout) :: err
+    real(wp), allocatable :: send(:), arrived(:), sorted(:, :)
+    integer, allocatable :: arrived_count(:)
+    integer :: i, j
+
+    allocate (send(width*n))
+    do i = 1, n
+      do j = 1, width
+        send((i - 1)*width + j) = values(j, outgoing(i))
+      end do
+    end do
+    call comm%exchange(send, width*send_count, arrived, arrived_count)
+    allocate (sorted(width, size(order)))
+    do i = 1, size(order)
+      do j = 1, width
+        sorted(j, i) = arrived((order(i) - 1)*width + j)
+      end do
+    end do
+    call hdf5_write_rows(dataset, first_row, width, size(order), sorted, err)
+  end subroutine write_columns
+
+  ! ---------------------------------------------------------------- an existing file
+
+  subroutine read_layout(self, comm, path, err)
+    !! Opens a result file for reading; what it holds and how far it got.
+    type(result_file_t), intent(inout) :: self
+    type(communicator_t), intent(in) :: comm
+    character(len=*), intent(in) :: path
+    type(error_t), intent(inout) :: err
+    integer(hid_t) :: group
+    integer(i8) :: n_step, n_row, file_ndim, active
+    integer :: width, n
+    logical :: is_result
+
+    call self%file%open(comm, path, .false., err)
+    if (err%failed()) return
+    is_result = hdf5_exists(self%file%id, 'Commits') .and. hdf5_exists(self%file%id, 'Scene') &
+                .and. hdf5_exists(self%file%id, 'History')
+    if (.not. is_result) then
+      call err%set(path//' is not a result file that can be continued')
+      return
+    end if
+    call hdf5_open_group(self%file%id, 'Scene', group, err)
+    call hdf5_read_attribute(group, 'ndim', file_ndim, err)
+    if (file_ndim /= ndim) call err%set(path//' has points of another dimension')
+    call hdf5_read_text(group, 'text', self%layout%scene_text, err)
+    call hdf5_close_group(group, err)
+    call hdf5_open_group(self%file%id, 'VTKHDF', group, err)
+    call hdf5_read_attribute(group, 'twin', active, err)
+    call hdf5_close_group(group, err)
+    call hdf5_open_group(self%file%id, 'VTKHDF/Steps', group, err)
+    call hdf5_read_attribute(group, 'NSteps', n_step, err)
+    call hdf5_close_group(group, err)
+    call hdf5_open_dataset(self%file%id, 'VTKHDF/Steps/PointOffsets', self%point_offsets, err)
+    call hdf5_dataset_shape(self%point_offsets, width, n_row, err)
+    if (err%failed()) return
+    self%layout%n_step_max = int(n_row)
+    call start_counting(self)
+    n = int(n_step)
+    self%n_step = n
+    self%active = int(active)
+    call hdf5_open_dataset(self%file%id, 'VTKHDF/Steps/Values', self%twin(1)%values, err)
+    call hdf5_read_rows(self%twin(1)%values, 1_i8, n, self%time, err)
+    call hdf5_open_dataset(self%file%id, 'VTKHDF/NumberOfPoints', &
+                           self%twin(1)%number_of_points, err)
+    call hdf5_read_rows(self%twin(1)%number_of_points, 1_i8, n, self%count, err)
+    call hdf5_open_dataset(self%file%id, 'VTKHDF/Points', self%points, err)
+    call hdf5_dataset_shape(self%points, width, n_row, err)
+    self%layout%n_point = n_row/self%layout%n_step_max
+    call hdf5_open_dataset(self%file%id, 'VTKHDF/PointData/id', self%ids, err)
+    call hdf5_open_group(self%file%id, 'History', self%history_group, err)
+    call hdf5_read_attribute(self%history_group, 'n_entries', self%n_history, err)
+  end subroutine read_layout
+
+  subroutine continue_in_place(self, comm, old, n_kept, time, layout, err)
+    !! Goes on in the same file after dropping what is later than the checkpoint.
+    type(result_file_t), intent(inout) :: self
+    type(communicator_t), intent(in) :: comm
+    type(result_file_t), intent(inout) :: old
+    integer, intent(in) :: n_kept
+    real(wp), intent(in) :: time             !! of the checkpoint [s]
+    type(result_layout_t), intent(in) :: layout
+    type(error_t), intent(inout) :: err
+    integer(i8) :: n_history, capacity
+    integer :: width, k
+
+    n_history = n_history_until(old, comm, time, err)
+    capacity = layout%history_capacity
+    if (size(layout%history) > 0) call find_dataset(old%history_group, layout%history(1)%name, &
+                                                    width, capacity)
+    call old%file%close(err)
+    self%layout = layout
+    self%layout%n_step_max = old%layout%n_step_max
+    self%layout%n_point = old%layout%n_point
+    self%layout%history_capacity = capacity
+    self%path = old%path
+    self%has_name = .true.
+    call start_counting(self)
+    self%time = old%time
+    self%count = old%count
+    self%n_row = sum(self%count(:n_kept))
+    self%active = old%active
+    call attach(self, comm, self%path, err)
+    call comm%agree(err)
+    if (err%failed()) return
+    self%n_step = n_kept
+    self%last_time = self%time(n_kept)
+    if (n_kept < old%n_step) call show(self, comm, n_kept, err)
+    self%n_history = n_history
+    call hdf5_update_attribute(self%history_group, 'n_entries', n_history, err)
+    call self%file%flush(err)
+    if (comm%is_root()) then
+      do k = 1, size(self%history)
+        call write_nan(self%history(k), n_history + 1_i8, old%n_history, err)
+      end do
+    end if
+  end subroutine continue_in_place
+
+  subroutine continue_in_copy(self, comm, old, n_kept, time, layout, err)
+    !! Copies what is kept into a new file, which replaces the old one when it is complete.
+    type(result_file_t), intent(inout) :: self
+    type(communicator_t), intent(in) :: comm
+    type(result_file_t), intent(inout) :: old
+    integer, intent(in) :: n_kept
+    real(wp), intent(in) :: time             !! of the checkpoint [s]
+    type(result_layout_t), intent(in) :: layout
+    type(error_t), intent(inout) :: err
+    type(result_layout_t) :: larger
+    integer(i8) :: n_history
+
+    n_history = n_history_until(old, comm, time, err)
+    larger = layout
+    larger%n_step_max = max(layout%n_step_max, n_kept)
+    larger%n_point = max(layout%n_point, maxval([0_i8, old%count(:n_kept)]))
+    larger%history_capacity = max(layout%history_capacity, n_history)
+    call self%create(comm, old%path, larger, err)
+    if (err%failed()) return
+    call copy_history(self, comm, old, n_history, err)
+    if (n_kept > 0) call copy_steps(self, comm, old, n_kept, err)
+    call old%file%close(err)
+  end subroutine continue_in_copy
+
+  subroutine copy_history(self, comm, old, n_history, err)
+    !! Copies the first rows of the histories that both files have.
+    type(result_file_t), intent(inout) :: self
+    type(communicator_t), intent(in) :: comm
+    type(result_file_t), intent(in) :: old
+    integer(i8), intent(in) :: n_history
+    type(error_t), intent(inout) :: err
+    real(wp), allocatable :: column(:)
+    integer(hid_t) :: dataset
+    integer(i8) :: n_row
+    integer :: k, n, width
+
+    n = int(n_history)
+    if (comm%is_root()) then
+      allocate (column(n))
+      do k = 1, size(self%history)
+        call find_dataset(old%history_group, self%layout%history(k)%name, width, n_row)
+        if (width /= 1) cycle
+        call hdf5_open_dataset(old%history_group, trim(self%layout%history(k)%name), dataset, err)
+        call hdf5_read_rows(dataset, 1_i8, n, column, err)
+        call hdf5_write_rows(self%history(k), 1_i8, n, column, err)
+        call hdf5_close_dataset(dataset, err)
+      end do
+    end if
+    self%n_history = n_history
+    call hdf5_update_attribute(self%history_group, 'n_entries', n_history, err)
+  end subroutine copy_history
+
+  subroutine copy_steps(self, comm, old, n_kept, err)
+    !! Copies the first steps and shows them.
+    type(result_file_t), intent(inout) :: self
+    type(communicator_t), intent(in) :: comm
+    type(result_file_t), intent(in) :: old
+    integer, intent(in) :: n_kept
+    type(error_t), intent(inout) :: err
+    integer(i8), allocatable :: offset(:)
+    integer(hid_t) :: dataset, group
+    integer(i8) :: n_row
+    integer :: k, width
+
+    allocate (offset(n_kept))
+    n_row = 0_i8
+    do k = 1, n_kept
+      offset(k) = n_row
+      n_row = n_row + old%count(k)
+    end do
+    call copy_integers(comm, old%ids, self%ids, n_row, err)
+    call copy_reals(comm, old%points, self%points, 3, n_row, err)
+    call hdf5_open_group(old%file%id, 'VTKHDF/PointData', group, err)
+    do k = 1, size(self%field)
+      call find_dataset(group, self%layout%field(k)%name, width, n_row)
+      if (width /= self%layout%field(k)%n_components) cycle
+      call hdf5_open_dataset(group, trim(self%layout%field(k)%name), dataset, err)
+      call copy_reals(comm, dataset, self%field(k), width, sum(old%count(:n_kept)), err)
+      call hdf5_close_dataset(dataset, err)
+    end do
+    call hdf5_close_group(group, err)
+    if (comm%is_root()) then
+      call hdf5_write_rows(self%point_offsets, 1_i8, n_kept, offset, err)
+      call hdf5_write_rows(self%number_of_cells, 1_i8, n_kept, old%count, err)
+    end if
+    call comm%agree(err)
+    if (err%failed()) return
+    self%time(:n_kept) = old%time(:n_kept)
+    self%count(:n_kept) = old%count(:n_kept)
+    self%n_row = sum(old%count(:n_kept))
+    call show(self, comm, n_kept, err)
+  end subroutine copy_steps
+
+  subroutine copy_reals(comm, source, destination, width, n_row, err)
+    !! Copies the first rows of a dataset, every rank its share.
+    type(communicator_t), intent(in) :: comm
+    integer(hid_t), intent(in) :: source, destination
+    integer, intent(in) :: width
+    integer(i8), intent(in) :: n_row
+    type(error_t), intent(inout) :: err
+    real(wp), allocatable :: buffer(:, :)
+    integer(i8) :: first, last, row
+    integer :: m
+
+    call share(n_row, comm%rank, comm%size, first, last)
+    allocate (buffer(width, int(min(int(copy_rows, i8), last - first + 1_i8))))
+    do row = first, last, int(copy_rows, i8)
+      m = int(min(int(copy_rows, i8), last - row + 1_i8))
+      call hdf5_read_rows(source, row, width, m, buffer, err)
+      call hdf5_write_rows(destination, row, width, m, buffer, err)
+    end do
+  end subroutine copy_reals
+
+  subroutine copy_integers(comm, source, destination, n_row, err)
+    type(communicator_t), intent(in) :: comm
+    integer(hid_t), intent(in) :: source, destination
+    integer(i8), intent(in) :: n_row
+    type(error_t), intent(inout) :: err
+    integer(i8), allocatable :: buffer(:)
+    integer(i8) :: first, last, row
+    integer :: m
+
+    call share(n_row, comm%rank, comm%size, first, last)
+    allocate (buffer(int(min(int(copy_rows, i8), last - first + 1_i8))))
+    do row = first, last, int(copy_rows, i8)
+      m = int(min(int(copy_rows, i8), last - row + 1_i8))
+      call hdf5_read_rows(source, row, m, buffer, err)
+      call hdf5_write_rows(destination, row, m, buffer, err)
+    end do
+  end subroutine copy_integers
+
+  integer(i8) function n_history_until(old, comm, time, err) result(n_row)
+    !! Rows of the histories up to a time (all of them if there is no history 'time').
+    type(result_file_t), intent(in) :: old
+    type(communicator_t), intent(in) :: comm
+    real(wp), intent(in) :: time   !! [s]
+    type(error_t), intent(inout) :: err
+    real(wp), allocatable :: times(:)
+    integer(hid_t) :: dataset
+    integer :: n
+
+    n_row = old%n_history
+    if (n_row == 0_i8 .or. .not. hdf5_exists(old%history_group, 'time')) return
+    n = int(n_row)
+    allocate (times(n), source=0.0_wp)
+    call hdf5_open_dataset(old%history_group, 'time', dataset, err)
+    if (comm%is_root()) call hdf5_read_rows(dataset, 1_i8, n, times, err)
+    call comm%broadcast(times)
+    call hdf5_close_dataset(dataset, err)
+    n_row = count(times <= time + 4.0_wp*spacing(abs(time)), kind=i8)
+  end function n_history_until
+end module dosui_result_file

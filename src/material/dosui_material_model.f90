@@ -1,0 +1,59 @@
+!! What every constitutive model of the soil skeleton offers.
+module dosui_material_model
+  use dosui_kinds, only: wp
+  use dosui_dimension, only: nsig
+  use dosui_error, only: error_t
+  implicit none
+  private
+
+  type, abstract, public :: material_model_t
+    !! A constitutive model with its constants. Models see batches of points, so that the choice
+    !! of the model costs nothing per point; they own the meaning of their state variables.
+  contains
+    procedure(update_stress_interface), deferred :: update_stress
+    procedure(modulus_interface), deferred :: constrained_modulus
+    procedure(modulus_interface), deferred :: shear_modulus
+    procedure(modulus_interface), deferred :: bulk_modulus
+    procedure :: n_state => material_model_n_state
+    procedure :: state_name => material_model_state_name
+  end type material_model_t
+
+  abstract interface
+    subroutine update_stress_interface(self, n, strain_increment, stress, state, err)
+      !! Adds the stress increments of a batch of points.
+      import :: material_model_t, wp, nsig, error_t
+      class(material_model_t), intent(in) :: self
+      integer, intent(in) :: n                              !! points
+      real(wp), intent(in) :: strain_increment(nsig, n)     !! tension positive, 2 x shear [-]
+      real(wp), intent(inout) :: stress(nsig, n)            !! effective, tension positive [Pa]
+      real(wp), intent(inout) :: state(:, :)                !! (n_state, n) of the model
+      type(error_t), intent(inout) :: err
+    end subroutine update_stress_interface
+
+    pure real(wp) function modulus_interface(self) result(modulus)
+      !! A modulus of the drained skeleton, the largest the model can have [Pa].
+      import :: material_model_t, wp
+      class(material_model_t), intent(in) :: self
+    end function modulus_interface
+  end interface
+
+contains
+
+  pure integer function material_model_n_state(self) result(n_state)
+    !! State variables per point; models that have some override this.
+    class(material_model_t), intent(in) :: self
+
+    n_state = merge(0, 0, same_type_as(self, self))
+  end function material_model_n_state
+
+  pure function material_model_state_name(self, index) result(name)
+    !! Name of a state variable for output, blank for an index the model does not have.
+    class(material_model_t), intent(in) :: self
+    integer, intent(in) :: index   !! 1 ... n_state
+    character(len=32) :: name
+
+    name = ''
+    if (index > self%n_state()) return
+    name = 'state'
+  end function material_model_state_name
+end module dosui_material_model

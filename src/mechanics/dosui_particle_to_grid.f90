@@ -1,0 +1,240 @@
+!! Particles to grid: nodal mass, momentum and force.
+!!
+!! Particles are taken in chunks: first the weights and loads of a chunk, then its nodal sums.
+!! Runs of particles in one patch are summed in a small local array that goes to the nodes when
+!! the patch changes, so particles sorted by cell are fast and unsorted ones are right.
+module dosui_particle_to_grid
+  use dosui_kinds, only: wp
+  use dosui_dimension, only: ndim, nsig, voigt_slot
+  use dosui_grid, only: grid_t
+  use dosui_shape_functions, only: patch_weights
+  implicit none
+  private
+
+  public :: particles_to_grid, cell_pressure_forces
+
+  integer, parameter, public :: n_nodal_row = 1 + 2*ndim   !! mass, momentum, force
+  integer, parameter :: chunk = 32   ! particles, so that their weights stay in the L1 cache
+
+contains
+
+  subroutine particles_to_grid(grid, n, patch, position, velocity, mass, volume, stress, gravity, &
+                               nodal, affine, pore_pressure, cell, cell_mean_stress)
+    !! Nodal mass, momentum and force of this rank's particles (complete after scatter_add):
+    !! m_i = sum m N_i,  p_i = sum m N_i (v + C (x_i - x)),  f_i = sum m N_i g - V sigma grad N_i.
+    !!
+    !! sigma is the effective stress, changed by one of these:
+    !! * pore_pressure u: sigma = sigma' - u I;
+    !! * cell and cell_mean_stress s: the mean normal stress over the scene's directions becomes
+    !!   that of the particle's cell. With s = P(mean sigma' - u) this is the adjoint of the
+    !!   averaged volume change (B-bar); leave u out of s where `cell_pressure_forces` adds it.
+    type(grid_t), intent(in) :: grid
+    integer, intent(in) :: n
+    integer, intent(in) :: patch(n)                       !! all in the grid
+    real(wp), intent(in) :: position(ndim, n)             !! [m]
+    real(wp), intent(in) :: velocity(ndim, n)             !! [m/s]
+    real(wp), intent(in) :: mass(n)                       !! [kg]
+    real(wp), intent(in) :: volume(n)                     !! [m3]
+    real(wp), intent(in) :: stress(nsig, n)               !! effective, tension positive [Pa]
+    real(wp), intent(in) :: gravity(ndim)                 !! [m/s2]
+    real(wp), intent(out) :: nodal(n_nodal_row, grid%n_node)
+    !! mass [kg], momentum [kg m/s], force [N]
+    real(wp), intent(in), optional :: affine(ndim*ndim, n)
+    !! C of APIC, component (a, b) = dv_a/dx_b at a + (b - 1) ndim [1/s]
+    real(wp), intent(in), optional :: pore_pressure(n)    !! compression positive [Pa]
+    integer, intent(in), optional :: cell(n)              !! all in the grid
+    real(wp), intent(in), optional :: cell_mean_stress(grid%n_cell)   !! tension positive [Pa]
+    real(wp) :: load(ndim, ndim, chunk), start(ndim, chunk), slope(ndim, ndim, chunk)
+    integer :: first, last, m
+
+    nodal = 0.0_wp
+    slope = 0.0_wp
+    do first = 1, n, chunk
+      last = min(first + chunk - 1, n)
+      m = last - first + 1
+      call internal_loads(m, volume(first:last), stress(:, first:last), load)
+      if (present(cell_mean_stress)) then
+        call replace_mean(m, volume(first:last), cell(first:last), grid%n_cell, cell_mean_stress, &
+                          load)
+      else if (present(pore_pressure)) then
+        call add_pressure(m, volume(first:last), pore_pressure(first:last), load)
+      end if
+      start(:, 1:m) = velocity(:, first:last)
+      if (present(affine)) &
+        call expand_affine(m, grid%origin, grid%spacing, patch(first:last), grid%n_patch, &
+                           grid%patch_base, position(:, first:last), affine(:, first:last), &
+                           start, slope)
+      if (grid%width == 2) then
+        call spread_chunk(grid, 2, 2**ndim, m, patch(first:last), position(:, first:last), &
+                          mass(first:last), gravity, start, slope, load, nodal)
+      else
+        call spread_chunk(grid, 3, 3**ndim, m, patch(first:last), position(:, first:last), &
+                          mass(first:last), gravity, start, slope, load, nodal)
+      end if
+    end do
+  end subroutine particles_to_grid
+
+  pure subroutine internal_loads(m, volume, stress, load)
+    !! Kernel: -V sigma as a full tensor.
+    integer, intent(in) :: m
+    real(wp), intent(in) :: volume(m), stress(nsig, m)
+    real(wp), intent(inout) :: load(ndim, ndim, chunk)
+    integer :: a, b, p
+
+    do p = 1, m
+      do b = 1, ndim
+        do a = 1, ndim
+          load(a, b, p) = -volume(p)*stress(voigt_slot(a, b), p)
+        end do
+      end do
+    end do
+  end subroutine internal_loads
+
+  pure subroutine add_pressure(m, volume, pressure, load)
+    !! Kernel: adds V u I.
+    integer, intent(in) :: m
+    real(wp), intent(in) :: volume(m), pressure(m)
+    real(wp), intent(inout) :: load(ndim, ndim, chunk)
+    integer :: a, p
+
+    do p = 1, m
+      do a = 1, ndim
+        load(a, a, p) = load(a, a, p) + volume(p)*pressure(p)
+      end do
+    end do
+  end subroutine add_pressure
+
+  pure subroutine replace_mean(m, volume, cell, n_cell, mean_stress, load)
+    !! Kernel: gives -V sigma the cell's mean normal stress.
+    integer, intent(in) :: m, n_cell
+    integer, intent(in) :: cell(m)
+    real(wp), intent(in) :: volume(m), mean_stress(n_cell)
+    real(wp), intent(inout) :: load(ndim, ndim, chunk)
+    real(wp) :: mean, change
+    integer :: a, p
+
+    do p = 1, m
+      mean = 0.0_wp
+      do a = 1, ndim
+        mean = mean + load(a, a, p)
+      end do
+      change = -volume(p)*mean_stress(cell(p)) - mean*(1.0_wp/ndim)
+      do a = 1, ndim
+        load(a, a, p) = load(a, a, p) + change
+      end do
+    end do
+  end subroutine replace_mean
+
+  pure subroutine expand_affine(m, origin, spacing, patch, n_patch, patch_base, position, affine, &
+                                start, slope)
+    !! Kernel: the affine velocity v + C (x_i - x) as a value at the base node and a slope per
+    !! node spacing.
+    integer, intent(in) :: m, n_patch
+    real(wp), intent(in) :: origin(ndim), spacing
+    integer, intent(in) :: patch(m), patch_base(ndim, n_patch)
+    real(wp), intent(in) :: position(ndim, m), affine(ndim, ndim, m)
+    real(wp), intent(inout) :: start(ndim, chunk)     !! v on entry, value at the base on return
+    real(wp), intent(inout) :: slope(ndim, ndim, chunk)
+    real(wp) :: to_base
+    integer :: b, p
+
+    do p = 1, m
+      do b = 1, ndim
+        to_base = origin(b) + spacing*patch_base(b, patch(p)) - position(b, p)
+        start(:, p) = start(:, p) + affine(:, b, p)*to_base
+        slope(:, b, p) = spacing*affine(:, b, p)
+      end do
+    end do
+  end subroutine expand_affine
+
+  subroutine spread_chunk(grid, width, n_node, m, patch, position, mass, gravity, start, slope, &
+                          load, nodal)
+    !! Weights of a chunk and its nodal sums. The compiler makes a copy for each constant width.
+    type(grid_t), intent(in) :: grid
+    integer, intent(in) :: width, n_node, m
+    integer, intent(in) :: patch(m)
+    real(wp), intent(in) :: position(ndim, m), mass(m), gravity(ndim)
+    real(wp), intent(in) :: start(ndim, chunk), slope(ndim, ndim, chunk), load(ndim, ndim, chunk)
+    real(wp), intent(inout) :: nodal(n_nodal_row, grid%n_node)
+    real(wp) :: weight(n_node, chunk), gradient(n_node, ndim, chunk), offset(n_node, ndim)
+    real(wp) :: sums(n_node, n_nodal_row)
+    integer :: d, i, first, last
+
+    call patch_weights(grid%shape_kind, grid%half_domain, grid%origin, grid%spacing, m, patch, &
+                       position, grid%n_patch, grid%patch_base, n_node, weight, gradient)
+    do d = 1, ndim
+      do i = 1, n_node
+        offset(i, d) = real(mod((i - 1)/width**(d - 1), width), wp)
+      end do
+    end do
+    first = 1
+    do while (first <= m)
+      last = first
+      do while (last < m)
+        if (patch(last + 1) /= patch(first)) exit
+        last = last + 1
+      end do
+      call sum_run(n_node, offset, last - first + 1, weight(:, first), gradient(:, :, first), &
+                   mass(first), gravity, start(:, first), slope(:, :, first), load(:, :, first), sums)
+      do i = 1, n_node
+        nodal(:, grid%patch_node(i, patch(first))) = nodal(:, grid%patch_node(i, patch(first))) + &
+                                                     sums(i, :)
+      end do
+      first = last + 1
+    end do
+  end subroutine spread_chunk
+
+  pure subroutine sum_run(n_node, offset, m, weight, gradient, mass, gravity, start, slope, load, &
+                          sums)
+    !! Kernel: nodal sums of particles that share a patch, vectorised over its nodes.
+    integer, intent(in) :: n_node, m
+    real(wp), intent(in) :: offset(n_node, ndim)
+    real(wp), intent(in) :: weight(n_node, m), gradient(n_node, ndim, m), mass(m), gravity(ndim)
+    real(wp), intent(in) :: start(ndim, m), slope(ndim, ndim, m), load(ndim, ndim, m)
+    real(wp), intent(out) :: sums(n_node, n_nodal_row)
+    real(wp) :: share(n_node), momentum(n_node), force(n_node)
+    integer :: a, b, p
+
+    sums = 0.0_wp
+    do p = 1, m
+      share = mass(p)*weight(:, p)
+      sums(:, 1) = sums(:, 1) + share
+      do a = 1, ndim
+        momentum = start(a, p)
+        force = gravity(a)*share
+        do b = 1, ndim
+          momentum = momentum + slope(a, b, p)*offset(:, b)
+          force = force + load(a, b, p)*gradient(:, b, p)
+        end do
+        sums(:, 1 + a) = sums(:, 1 + a) + share*momentum
+        sums(:, 1 + ndim + a) = sums(:, 1 + ndim + a) + force
+      end do
+    end do
+  end subroutine sum_run
+
+  pure subroutine cell_pressure_forces(spacing, n_cell, cell_node, cell_volume_pressure, n_node, &
+                                       nodal)
+    !! Kernel: adds the force of pore pressures that act through the gradient at cell centres,
+    !! f_i = sum V_c p_c grad N_i(x_c): the adjoint of `cell_divergence_centre`.
+    real(wp), intent(in) :: spacing                          !! [m]
+    integer, intent(in) :: n_cell
+    integer, intent(in) :: cell_node(2**ndim, n_cell)        !! corner nodes, x fastest
+    real(wp), intent(in) :: cell_volume_pressure(n_cell)
+    !! this rank's volume in the cell times the cell's pressure, compression positive [N m]
+    integer, intent(in) :: n_node
+    real(wp), intent(inout) :: nodal(n_nodal_row, n_node)    !! the rows of force are added to [N]
+    real(wp) :: slope
+    integer :: a, c, i, node
+
+    do c = 1, n_cell
+      slope = cell_volume_pressure(c)/(spacing*2**(ndim - 1))
+      do i = 1, 2**ndim
+        node = cell_node(i, c)
+        do a = 1, ndim
+          nodal(1 + ndim + a, node) = nodal(1 + ndim + a, node) + &
+                                      merge(slope, -slope, btest(i - 1, a - 1))
+        end do
+      end do
+    end do
+  end subroutine cell_pressure_forces
+end module dosui_particle_to_grid

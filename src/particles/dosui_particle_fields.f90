@@ -1,0 +1,81 @@
+!! The fields of particles and of surface points, registered by what the scene needs.
+module dosui_particle_fields
+  use dosui_dimension, only: ndim, nsig
+  use dosui_point_set, only: point_set_t
+  implicit none
+  private
+
+  public :: register_particle_fields, register_surface_fields
+
+  type, public :: particle_handles_t
+    !! Places of the particles' fields in their table; 0: not in this scene.
+    integer :: position = 0           !! [m]
+    integer :: position_at_build = 0  !! where neighbourhoods were built, updated scenes only [m]
+    integer :: velocity = 0           !! [m/s]
+    integer :: displacement = 0       !! [m]
+    integer :: effective_stress = 0   !! tension positive [Pa]
+    integer :: volume = 0             !! [m3, per m in 2-D, per m2 in 1-D]
+    integer :: mass = 0               !! [kg, likewise]
+    integer :: porosity = 0           !! [-]
+    integer :: material = 0           !! index into the scene's materials
+    integer :: affine = 0             !! APIC velocity gradient [1/s]
+    integer :: pore_pressure = 0      !! compression positive [Pa]
+    integer :: conductivity = 0       !! k [m/s]
+  end type particle_handles_t
+
+  type, public :: surface_handles_t
+    !! Places of the surface points' fields in their table.
+    integer :: position = 0           !! on the true surface [m]
+    integer :: position_at_build = 0  !! updated scenes only [m]
+    integer :: normal = 0             !! outward unit normal [-]
+    integer :: area = 0               !! of the piece [m2, m in 2-D, 1 in 1-D]
+    integer :: surface = 0            !! index into the scene's surfaces, 0: unnamed
+    integer :: patch = 0              !! distinct for each region face and surface
+    integer :: displacement = 0       !! [m]
+  end type surface_handles_t
+
+contains
+
+  subroutine register_particle_fields(set, handles, coupled, affine, updated)
+    !! Registers what a scene needs; dry scenes hold no water.
+    type(point_set_t), intent(inout) :: set
+    type(particle_handles_t), intent(out) :: handles
+    logical, intent(in) :: coupled   !! water is computed
+    logical, intent(in) :: affine    !! APIC transfer
+    logical, intent(in) :: updated   !! particles move
+    logical, parameter :: yes = .true., no = .false.
+
+    ! name, unit, width, migrates, halo, output, checkpoint
+    handles%position = set%add('position', 'm', ndim, yes, yes, no, yes)
+    handles%velocity = set%add('velocity', 'm/s', ndim, yes, no, yes, yes)
+    handles%displacement = set%add('displacement', 'm', ndim, yes, no, yes, yes)
+    handles%effective_stress = set%add('effective_stress', 'Pa', nsig, yes, no, yes, yes)
+    handles%volume = set%add('volume', 'm3', 1, yes, no, yes, yes)
+    handles%mass = set%add('mass', 'kg', 1, yes, no, no, yes)
+    handles%porosity = set%add('porosity', '-', 1, yes, no, yes, yes)
+    handles%material = set%add('material', '-', 1, yes, no, yes, yes)
+    if (affine) handles%affine = set%add('affine', '1/s', ndim*ndim, yes, no, no, yes)
+    if (updated) handles%position_at_build = &
+      set%add('position_at_build', 'm', ndim, yes, yes, no, yes)
+    if (.not. coupled) return
+    handles%pore_pressure = set%add('pore_pressure', 'Pa', 1, yes, no, yes, yes)
+    handles%conductivity = set%add('conductivity', 'm/s', 1, yes, yes, no, yes)
+  end subroutine register_particle_fields
+
+  subroutine register_surface_fields(set, handles, updated)
+    !! Registers the fields of surface points.
+    type(point_set_t), intent(inout) :: set
+    type(surface_handles_t), intent(out) :: handles
+    logical, intent(in) :: updated
+    logical, parameter :: yes = .true., no = .false.
+
+    handles%position = set%add('position', 'm', ndim, yes, yes, no, yes)
+    handles%normal = set%add('normal', '-', ndim, yes, yes, no, yes)
+    handles%area = set%add('area', 'm2', 1, yes, no, no, yes)
+    handles%surface = set%add('surface', '-', 1, yes, yes, no, yes)
+    handles%patch = set%add('patch', '-', 1, yes, yes, no, yes)
+    handles%displacement = set%add('displacement', 'm', ndim, yes, no, no, yes)
+    if (updated) handles%position_at_build = &
+      set%add('position_at_build', 'm', ndim, yes, yes, no, yes)
+  end subroutine register_surface_fields
+end module dosui_particle_fields

@@ -20,12 +20,13 @@ contains
     !! Radix sort by digits of 11 bits, the lowest first; digits in which all keys agree are
     !! skipped, so that grid keys of a compact domain cost two or three passes.
     integer(i8), intent(in) :: keys(:)
-    integer, intent(out) :: permutation(:)        !! (size(keys))
+    integer, allocatable, intent(out) :: permutation(:)   !! (size(keys))
     integer(i8), allocatable :: key_from(:), key_to(:)
     integer, allocatable :: order_from(:), order_to(:), count(:, :)
     integer :: n, k, digit
 
     n = size(keys)
+    allocate (permutation(n))
     do k = 1, n
       permutation(k) = k
     end do
@@ -46,7 +47,7 @@ contains
       call distribute(n, digit, count(:, digit), key_from, order_from, key_to, order_to)
       call swap(key_from, key_to, order_from, order_to)
     end do
-    permutation(1:n) = order_from
+    call move_alloc(order_from, permutation)
   end subroutine sort_permutation
 
   pure subroutine count_digits(n, keys, count)

@@ -18,6 +18,8 @@ module dosui_grid
   ! Coordinates that still leave room for neighbours inside the keys' 21 bits.
   real(wp), parameter :: largest_coordinate = 2.0_wp**20 - 8.0_wp
 
+  integer, parameter :: n_recent = 4096   ! a power of two
+
   type, public :: grid_t
     !! The part of the background grid that this rank's particles can touch.
     real(wp) :: spacing = 0.0_wp                   !! h [m]
@@ -80,52 +82,66 @@ contains
   end subroutine grid_build
 
   subroutine touched_keys(n, position, origin, spacing, margin, shift, keys)
-    !! Sorted keys of floor(x/h - shift) for all x within +-margin of the positions. Runs of
-    !! positions with the same range cost one entry, so sorted particles leave little to sort.
+    !! Sorted keys of floor(x/h - shift) for all x within +-margin of the positions. A small table
+    !! of recent keys stops most repetitions, so that sorted particles leave little to sort.
     integer, intent(in) :: n
     real(wp), intent(in) :: position(ndim, n), origin(ndim), spacing, margin, shift
     integer(i8), allocatable, intent(out) :: keys(:)
-    integer(i8), allocatable :: found(:)
+    integer(i8), allocatable :: found(:), sorted(:)
     integer, allocatable :: order(:)
-    integer :: pass, p, n_found, low(ndim), high(ndim), last_low(ndim), last_high(ndim)
+    integer(i8) :: recent(0:n_recent - 1)
+    integer :: p, n_found, low(ndim), high(ndim), last_low(ndim), last_high(ndim)
 
+    allocate (found(1024))
     n_found = 0
-    do pass = 1, 2
-      if (pass == 2) allocate (found(n_found))
-      n_found = 0
-      last_low = huge(1)
-      last_high = huge(1)
-      do p = 1, n
-        if (.not. all(abs(position(:, p) - origin) + margin < largest_coordinate*spacing)) cycle
-        low = floor((position(:, p) - margin - origin)/spacing - shift)
-        high = floor((position(:, p) + margin - origin)/spacing - shift)
-        if (all(low == last_low .and. high == last_high)) cycle
-        last_low = low
-        last_high = high
-        if (pass == 2) call fill_range(low, high, found(n_found + 1:))
-        n_found = n_found + product(high - low + 1)
-      end do
+    recent = -huge(1_i8)
+    last_low = huge(1)
+    last_high = huge(1)
+    do p = 1, n
+      if (.not. all(abs(position(:, p) - origin) + margin < largest_coordinate*spacing)) cycle
+      low = floor((position(:, p) - margin - origin)/spacing - shift)
+      high = floor((position(:, p) + margin - origin)/spacing - shift)
+      if (all(low == last_low .and. high == last_high)) cycle
+      last_low = low
+      last_high = high
+      call add_range(low, high, recent, found, n_found)
     end do
-    call sort_permutation(found, order)
-    keys = unique_sorted(found(order))
+    call sort_permutation(found(1:n_found), order)
+    sorted = found(order)
+    keys = unique_sorted(sorted)
   end subroutine touched_keys
 
-  pure subroutine fill_range(low, high, keys)
-    !! Keys of all integer coordinates from low to high, x fastest.
+  pure subroutine add_range(low, high, recent, found, n_found)
+    !! Appends the keys of all integer coordinates from low to high that are not recent.
     integer, intent(in) :: low(ndim), high(ndim)
-    integer(i8), intent(inout) :: keys(:)
-    integer :: k, d, ijk(ndim)
+    integer(i8), intent(inout) :: recent(0:n_recent - 1)
+    integer(i8), allocatable, intent(inout) :: found(:)
+    integer, intent(inout) :: n_found
+    integer(i8), allocatable :: longer(:)
+    integer(i8) :: key
+    integer :: k, d, slot, ijk(ndim)
 
     ijk = low
     do k = 1, product(high - low + 1)
-      keys(k) = pack_key(ijk)
+      key = pack_key(ijk)
+      slot = int(iand(ieor(ieor(key, ishft(key, -15)), ishft(key, -36)), n_recent - 1_i8))
+      if (recent(slot) /= key) then
+        recent(slot) = key
+        if (n_found == size(found)) then
+          allocate (longer(2*n_found))
+          longer(1:n_found) = found
+          call move_alloc(longer, found)
+        end if
+        n_found = n_found + 1
+        found(n_found) = key
+      end if
       do d = 1, ndim
         ijk(d) = ijk(d) + 1
         if (ijk(d) <= high(d)) exit
         ijk(d) = low(d)
       end do
     end do
-  end subroutine fill_range
+  end subroutine add_range
 
   pure function united(a, b) result(c)
     !! Union of two sorted sets of keys.

@@ -9,13 +9,27 @@ module dosui_shape_functions
   implicit none
   private
 
-  public :: shape_kind_of, shape_width, shape_shift, shape_weights, patch_weights
+  public :: shape_kind_of, shape_width, shape_shift, shape_weights
+  public :: group_count, patch_offsets, patch_weights
 
   integer, parameter, public :: shape_linear = 1    !! hats
   integer, parameter, public :: shape_gimp = 2      !! hats averaged over the particle's domain
   integer, parameter, public :: shape_bspline = 3   !! quadratic B-splines
 
-  integer, parameter :: n2 = 2**ndim, n3 = 3**ndim   ! nodes of a patch
+  ! Kernels take the nodes of a patch in groups of n_group, a length known to the compiler that
+  ! fits vector registers. Hats fill one group; wide patches (3**ndim nodes) are padded with zeros.
+  integer, parameter, public :: n_group = 2**ndim
+  integer, parameter, public :: n_group_wide = ceiling(1.5_wp**ndim)
+  integer, parameter :: n_wide = 3**ndim, n_padded = n_group*n_group_wide
+
+  integer :: i, j, k   ! of the tables below
+  integer, parameter :: corner(n_group, ndim) = &
+                        reshape([((ibits(i, j, 1), i=0, n_group - 1), j=0, ndim - 1)], &
+                                [n_group, ndim])
+  integer, parameter :: base_three(27, 3) = reshape([((i, i=0, 2), j=1, 9), &
+                                                     (((i, k=1, 3), i=0, 2), j=1, 3), &
+                                                     ((i, k=1, 9), i=0, 2)], [27, 3])
+  integer, parameter :: wide(n_wide, ndim) = base_three(1:n_wide, 1:ndim)
 
 contains
 
@@ -99,20 +113,41 @@ contains
     slope(2) = xi - 0.5_wp
   end subroutine bspline_weights
 
-  pure subroutine patch_weights(kind, half_domain, origin, spacing, n, patch, position, n_patch, &
-                                patch_base, n_node, weight, gradient)
-    !! Kernel: weights and gradients at the nodes of each particle's patch, x fastest.
+  pure integer function group_count(kind) result(n)
+    !! Groups of `n_group` nodes that a patch fills.
     integer, intent(in) :: kind
-    real(wp), intent(in) :: half_domain                    !! GIMP only [-]
-    real(wp), intent(in) :: origin(ndim), spacing          !! of the grid [m]
-    integer, intent(in) :: n                               !! particles
+
+    n = merge(1, n_group_wide, kind == shape_linear)
+  end function group_count
+
+  pure subroutine patch_offsets(kind, n_groups, offset)
+    !! Coordinates of a patch's nodes from its base node, x fastest; 0 in the padding.
+    integer, intent(in) :: kind
+    integer, intent(in) :: n_groups                               !! of group_count
+    real(wp), intent(out) :: offset(n_group*n_groups, ndim)       !! [-]
+
+    offset = 0.0_wp
+    if (kind == shape_linear) then
+      offset(1:n_group, :) = corner
+    else
+      offset(1:n_wide, :) = wide
+    end if
+  end subroutine patch_offsets
+
+  pure subroutine patch_weights(kind, half_domain, origin, spacing, n, patch, position, n_patch, &
+                                patch_base, n_groups, weight, gradient)
+    !! Kernel: weights and gradients at the nodes of each particle's patch, x fastest, in groups.
+    integer, intent(in) :: kind
+    real(wp), intent(in) :: half_domain                   !! GIMP only [-]
+    real(wp), intent(in) :: origin(ndim), spacing         !! of the grid [m]
+    integer, intent(in) :: n                              !! particles
     integer, intent(in) :: patch(n)
-    real(wp), intent(in) :: position(ndim, n)              !! [m]
+    real(wp), intent(in) :: position(ndim, n)             !! [m]
     integer, intent(in) :: n_patch
-    integer, intent(in) :: patch_base(ndim, n_patch)       !! base node of the patches
-    integer, intent(in) :: n_node                          !! of a patch
-    real(wp), intent(out) :: weight(n_node, n)             !! [-]
-    real(wp), intent(out) :: gradient(n_node, ndim, n)     !! [1/m]
+    integer, intent(in) :: patch_base(ndim, n_patch)      !! base node of the patches
+    integer, intent(in) :: n_groups                       !! of group_count
+    real(wp), intent(out) :: weight(n_group, n_groups, n)            !! [-]
+    real(wp), intent(out) :: gradient(n_group, n_groups, ndim, n)    !! [1/m]
 
     if (kind == shape_linear) then
       call linear_patch_weights(origin, spacing, n, patch, position, n_patch, patch_base, weight, &
@@ -132,14 +167,12 @@ contains
     real(wp), intent(in) :: position(ndim, n)
     integer, intent(in) :: n_patch
     integer, intent(in) :: patch_base(ndim, n_patch)
-    real(wp), intent(out) :: weight(n2, n), gradient(n2, ndim, n)
-    integer :: d, e, i, p
-    ! Node i has the factor at_base + side*xi in direction d.
-    real(wp), parameter :: side(n2, ndim) = &
-                           reshape([((real(2*mod((i - 1)/2**(d - 1), 2) - 1, wp), i=1, n2), &
-                                     d=1, ndim)], [n2, ndim])
-    real(wp), parameter :: at_base(n2, ndim) = 0.5_wp*(1.0_wp - side)
-    real(wp) :: inverse, xi, factor(n2, ndim)
+    real(wp), intent(out) :: weight(n_group, n), gradient(n_group, ndim, n)
+    integer :: d, e, p
+    ! A node has the factor at_base + side*xi in direction d.
+    real(wp), parameter :: side(n_group, ndim) = 2*corner - 1
+    real(wp), parameter :: at_base(n_group, ndim) = 1 - corner
+    real(wp) :: inverse, xi, factor(n_group, ndim)
 
     inverse = 1.0_wp/spacing
     do p = 1, n
@@ -171,14 +204,13 @@ contains
     real(wp), intent(in) :: position(ndim, n)
     integer, intent(in) :: n_patch
     integer, intent(in) :: patch_base(ndim, n_patch)
-    real(wp), intent(out) :: weight(n3, n), gradient(n3, ndim, n)
-    integer :: d, e, i, p
-    integer, parameter :: node(n3, ndim) = &
-                          reshape([((mod((i - 1)/3**(d - 1), 3), i=1, n3), d=1, ndim)], &
-                                  [n3, ndim])
-    real(wp) :: inverse, xi, w(0:2, ndim), s(0:2, ndim)
+    real(wp), intent(out) :: weight(n_padded, n), gradient(n_padded, ndim, n)
+    integer :: d, e, p
+    real(wp) :: inverse, xi, w(0:2, ndim), s(0:2, ndim), factor(n_wide, ndim), slope(n_wide, ndim)
 
     inverse = 1.0_wp/spacing
+    weight(n_wide + 1:, :) = 0.0_wp
+    gradient(n_wide + 1:, :, :) = 0.0_wp
     do p = 1, n
       do d = 1, ndim
         xi = (position(d, p) - origin(d))*inverse - real(patch_base(d, patch(p)), wp)
@@ -187,17 +219,17 @@ contains
         else
           call bspline_weights(xi, w(:, d), s(:, d))
         end if
+        factor(:, d) = w(wide(:, d), d)
+        slope(:, d) = inverse*s(wide(:, d), d)
       end do
-      weight(:, p) = 1.0_wp
-      gradient(:, :, p) = inverse
+      weight(1:n_wide, p) = 1.0_wp
       do d = 1, ndim
-        weight(:, p) = weight(:, p)*w(node(:, d), d)
+        weight(1:n_wide, p) = weight(1:n_wide, p)*factor(:, d)
+      end do
+      do d = 1, ndim
+        gradient(1:n_wide, d, p) = slope(:, d)
         do e = 1, ndim
-          if (e == d) then
-            gradient(:, e, p) = gradient(:, e, p)*s(node(:, d), d)
-          else
-            gradient(:, e, p) = gradient(:, e, p)*w(node(:, d), d)
-          end if
+          if (e /= d) gradient(1:n_wide, d, p) = gradient(1:n_wide, d, p)*factor(:, e)
         end do
       end do
     end do

@@ -1,29 +1,86 @@
 !! One explicit time step of the coupled (or dry, or rigid) problem.
 !!
-!! Momentum at t_n with the pressures of t_n, then stress and pressures with the new velocities:
-!! a staggered (symplectic Euler) scheme. Water may take several sub-steps in one step of the
+!! Momentum at t_n with the pressures of t_n, then stresses and pressures with the new velocities:
+!! a staggered (symplectic Euler) scheme. The water may take several sub-steps in one step of the
 !! skeleton, with the volume change of the step held constant.
 module dosui_explicit
+  use dosui_kinds, only: wp
+  use dosui_error, only: error_t
   use dosui_model, only: model_t
+  use dosui_scene, only: name_length
   use dosui_skeleton_step, only: gather_forces, update_nodes, update_particles
+  use dosui_super_time_stepping, only: stages_needed
+  use dosui_time_control, only: step_limit_t
   use dosui_water_step, only: update_pressure
   implicit none
   private
 
-  public :: explicit_step
+  public :: explicit_step, choose_explicit_step
 
 contains
 
-  subroutine explicit_step(model, drained)
-    !! Advances the model by the clock's step; `drained = .false.` keeps the water in place.
+  subroutine explicit_step(model, drained, err)
+    !! Advances the state by the clock's step; `drained = .false.` keeps the water in place.
     type(model_t), intent(inout) :: model
     logical, intent(in) :: drained
+    type(error_t), intent(inout) :: err
 
     if (.not. model%rigid) then
       call gather_forces(model)
       call update_nodes(model)
-      call update_particles(model)
+      call update_particles(model, err)
     end if
     if (model%coupled) call update_pressure(model, drained)
   end subroutine explicit_step
+
+  subroutine choose_explicit_step(model)
+    !! Step from the named limits (numerics: 1/(1/t_d + 1/t_w) when the water takes one sub-step),
+    !! then the water's sub-steps or stages for it.
+    type(model_t), intent(inout) :: model
+    type(step_limit_t) :: limits(4)
+    character(len=name_length) :: stepping
+    real(wp) :: courant, ratio
+
+    courant = model%scene%time%courant
+    stepping = model%scene%water%stepping
+    if (.not. model%rigid) then
+      limits(1)%name = merge('water sound speed   ', 'skeleton wave speed ', model%coupled)
+      limits(1)%dt = courant*wave_limit(model)
+    end if
+    if (model%damping_kind == 1 .and. model%damping > 0.0_wp) then
+      limits(2)%name = 'viscous damping'
+      limits(2)%dt = courant*2.0_wp/model%damping
+    end if
+    if (model%coupled) then
+      if (stepping == 'auto') then
+        stepping = 'single'
+        if (.not. model%rigid) then
+          if (model%diffusion_limit < 2.0_wp*wave_limit(model)) stepping = 'subcycle'
+          if (model%diffusion_limit < 0.4_wp*wave_limit(model)) stepping = 'rkl2'
+        end if
+      end if
+      if (stepping == 'single' .or. model%rigid) then
+        limits(3)%name = 'water diffusion'
+        limits(3)%dt = courant*model%diffusion_limit
+        if (.not. model%rigid) then
+          limits(4)%name = 'water sound speed and diffusion'
+          limits(4)%dt = courant/(1.0_wp/model%diffusion_limit + 1.0_wp/wave_limit(model))
+        end if
+      end if
+    end if
+    call model%clock%choose_step(model%scene%time, limits)
+    model%substeps = 1
+    model%stages = 0
+    ratio = model%clock%dt/(courant*model%diffusion_limit)
+    if (.not. model%coupled .or. stepping == 'single' .or. model%rigid .or. ratio <= 1.0_wp) return
+    if (stepping == 'subcycle') model%substeps = ceiling(ratio)
+    if (stepping == 'rkl2') model%stages = stages_needed(ratio)
+  end subroutine choose_explicit_step
+
+  pure real(wp) function wave_limit(model) result(limit)
+    !! Time that the fastest wave needs for a grid cell [s].
+    type(model_t), intent(in) :: model
+
+    limit = model%scene%grid_spacing/sqrt(model%stiffest/model%density)
+  end function wave_limit
 end module dosui_explicit

@@ -1,8 +1,8 @@
 !! The state that time integrators advance, and nothing else: particles, surface points, the grid
 !! they touch, conditions, and (in coupled scenes only) the water's operators.
 module dosui_model
-  use dosui_kinds, only: wp
-  use dosui_dimension, only: ndim
+  use dosui_kinds, only: wp, i8
+  use dosui_cell_average, only: cell_average_t
   use dosui_communicator, only: communicator_t
   use dosui_grid, only: grid_t
   use dosui_head_operator, only: head_operator_t
@@ -12,8 +12,10 @@ module dosui_model
   use dosui_materials, only: material_set_t
   use dosui_nodal_conditions, only: nodal_conditions_t
   use dosui_particle_fields, only: particle_handles_t, surface_handles_t
+  use dosui_partition, only: partition_statistics_t
   use dosui_point_set, only: point_set_t
   use dosui_scene, only: scene_t
+  use dosui_storage, only: storage_t
   use dosui_surface_forces, only: surface_forces_t
   use dosui_time_control, only: time_control_t
   use dosui_timers, only: timers_t
@@ -44,6 +46,8 @@ module dosui_model
     logical :: coupled = .false.     !! water is computed
     logical :: rigid = .false.       !! skeleton does not move: mechanics is skipped
     logical :: updated = .false.     !! particles move, geometry follows
+    logical :: averaged = .false.    !! volume change is averaged over cells
+    logical :: centred = .false.     !! water and skeleton meet through gradients at cell centres
 
     type(point_set_t) :: particles
     type(particle_handles_t) :: p
@@ -51,6 +55,9 @@ module dosui_model
     type(surface_handles_t) :: s
     type(material_set_t) :: materials
     integer, allocatable :: material(:)       !! material of each particle
+    integer, allocatable :: condition_surface(:)   !! surface of each hydraulic condition
+    logical, allocatable :: on_nodes(:, :)    !! (mechanical conditions, surface points)
+    logical, allocatable :: by_force(:, :)    !! likewise: tractions and penalty walls
 
     type(grid_t) :: grid
     integer, allocatable :: patch(:)          !! nodes' patch of each particle
@@ -59,21 +66,40 @@ module dosui_model
     real(wp), allocatable :: nodal(:, :)      !! (1 + 2 ndim, n_node): mass [kg], momentum, force [N]
     real(wp), allocatable :: velocity_old(:, :)   !! (ndim, n_node) before the step [m/s]
     real(wp), allocatable :: velocity(:, :)       !! (ndim, n_node) after the step [m/s]
+    real(wp), allocatable :: surface_velocity(:, :)   !! (ndim, surface points) [m/s]
     type(nodal_conditions_t) :: nodal_conditions
     type(surface_forces_t) :: surface_forces
-    real(wp) :: density = 0.0_wp              !! mean density of the body [kg/m3]
+    type(cell_average_t) :: average
+    real(wp), allocatable :: strain_increment(:, :)   !! (nsig, particles) of the step [-]
+    real(wp), allocatable :: spin(:, :)               !! (nshear, particles), updated scenes only [-]
+    real(wp), allocatable :: state(:, :)              !! state variables of the materials
+    real(wp), allocatable :: volume_strain(:)         !! of the step, as the water sees it [-]
+    real(wp) :: density = 0.0_wp              !! mean inertial density of the body [kg/m3]
+    real(wp) :: stiffest = 0.0_wp             !! largest undrained modulus M + K_w/n [Pa]
+    real(wp) :: skeleton_modulus = 0.0_wp     !! largest drained modulus M [Pa]
 
     type(index_map_t) :: particle_map         !! ghost particles of the water's neighbourhoods
     type(index_map_t) :: surface_map          !! ghost surface points
     type(head_operator_t) :: head_operator
     type(two_pass_operator_t) :: two_pass
     type(hydraulic_conditions_t) :: hydraulic_conditions
-    real(wp) :: spacing = 0.0_wp              !! particle spacing [m]
+    type(storage_t) :: storage
+    real(wp), allocatable :: head(:)          !! of owned and ghost particles [m]
+    real(wp), allocatable :: elevation(:)     !! likewise [m]
+    real(wp) :: spacing = 0.0_wp              !! smallest particle spacing [m]
+    real(wp) :: diffusion_limit = huge(1.0_wp)   !! explicit limit of the water's diffusion [s]
+    integer :: substeps = 1                   !! of the water in a step of the skeleton
+    integer :: stages = 0                     !! of super-time-stepping; 0: Euler sub-steps
 
     real(wp) :: damping = 0.0_wp              !! coefficient in force [1/s] or [-]
+    integer :: damping_kind = 0
     type(balance_t) :: balance
+    type(partition_statistics_t) :: partition
+    integer(i8), allocatable :: brick_key(:)  !! sorted bricks of cells ...
+    integer, allocatable :: brick_rank(:)     !! ... and their owners
+    integer :: brick_edge = 1                 !! cells along a brick's edge
     integer :: rebuilds = 0
-    integer :: removed = 0                    !! particles that left the domain
-  contains
+    integer(i8) :: removed = 0_i8             !! particles that left the domain
+    real(wp) :: movement = 0.0_wp             !! bound of the way since the last build [m]
   end type model_t
 end module dosui_model

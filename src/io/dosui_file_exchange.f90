@@ -9,14 +9,20 @@ module dosui_file_exchange
   interface
     integer(c_int) function posix_rename(old, new) bind(c, name='rename')
       import :: c_char, c_int
+      implicit none
+      ! allow(C071)
       character(kind=c_char), intent(in) :: old(*), new(*)
     end function posix_rename
     integer(c_int) function posix_link(old, new) bind(c, name='link')
       import :: c_char, c_int
+      implicit none
+      ! allow(C071)
       character(kind=c_char), intent(in) :: old(*), new(*)
     end function posix_link
     integer(c_int) function posix_unlink(path) bind(c, name='unlink')
       import :: c_char, c_int
+      implicit none
+      ! allow(C071)
       character(kind=c_char), intent(in) :: path(*)
     end function posix_unlink
   end interface

@@ -6,9 +6,8 @@
 !! not at all. (Independent writes of contiguous slices are the faster ones on local disks, and a
 !! full disk seen by one rank cannot hang the others.)
 module dosui_hdf5
-  use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_f_pointer, c_funloc, c_funptr, &
-                                         c_int, c_int64_t, c_loc, c_null_char, c_ptr
-  use mpi_f08, only: mpi_info_null
+  use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_f_pointer, c_funloc, c_funptr
+  use, intrinsic :: iso_c_binding, only: c_int, c_int64_t, c_loc, c_null_char, c_ptr
   use hdf5, only: hid_t, hsize_t, size_t, h5_integer_kind, h5kind_to_type, &
                   h5open_f, h5iis_valid_f, h5eset_auto_f, &
                   h5fcreate_f, h5fopen_f, h5fflush_f, h5fclose_f, h5fis_hdf5_f, &
@@ -33,6 +32,7 @@ module dosui_hdf5
   use dosui_kinds, only: wp, i8
   use dosui_error, only: error_t
   use dosui_communicator, only: communicator_t
+  use dosui_mpi_hints, only: no_mpi_hints
   implicit none
   private
 
@@ -43,12 +43,13 @@ module dosui_hdf5
   public :: hdf5_write_rows, hdf5_read_rows
   public :: hdf5_write_attribute, hdf5_read_attribute, hdf5_update_attribute
   public :: hdf5_write_text, hdf5_read_text
-  public :: hdf5_exists, hdf5_n_links, hdf5_create_soft_link, hdf5_create_hard_link, hdf5_remove_link
+  public :: hdf5_exists, hdf5_n_links
+  public :: hdf5_create_soft_link, hdf5_create_hard_link, hdf5_remove_link
 
   integer, parameter, public :: hdf5_real = 1       !! dataset of real(wp)
   integer, parameter, public :: hdf5_integer = 2    !! dataset of integer(i8)
 
-  integer, parameter :: largest_transfer = 2**26    !! numbers a call (512 MiB): MPI counts are 32 bit
+  integer, parameter :: largest_transfer = 2**26    !! numbers a call (MPI counts are 32 bit)
 
   type, public :: hdf5_file_t
     !! One open file; every rank of the communicator holds one.
@@ -96,6 +97,7 @@ module dosui_hdf5
   interface
     integer(c_int) function h5ewalk2(stack, direction, visit, client) bind(c, name='H5Ewalk2')
       import :: c_int, c_int64_t, c_funptr, c_ptr
+      implicit none
       integer(c_int64_t), value :: stack
       integer(c_int), value :: direction
       type(c_funptr), value :: visit
@@ -768,7 +770,7 @@ contains
     integer :: status
 
     call h5pcreate_f(h5p_file_access_f, access, status)
-    call h5pset_fapl_mpio_f(access, comm%handle%mpi_val, mpi_info_null%mpi_val, status)
+    call h5pset_fapl_mpio_f(access, comm%handle%mpi_val, no_mpi_hints(), status)
     call h5pset_libver_bounds_f(access, h5f_libver_v18_f, h5f_libver_v18_f, status)
     call h5pset_fclose_degree_f(access, h5f_close_strong_f, status)
   end function file_access

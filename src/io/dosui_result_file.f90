@@ -424,11 +424,11 @@ contains
     type(communicator_t), intent(in) :: comm
     integer(hid_t), intent(in) :: file
     type(error_t), intent(inout) :: err
-    character(len=*), parameter :: shared(6) = [character(len=9) :: 'Points', 'PointData', &
-                                                'Vertices', 'Lines', 'Polygons', 'Strips']
-    character(len=*), parameter :: shared_steps(6) = &
-      [character(len=21) :: 'PartOffsets', 'NumberOfParts', 'PointOffsets', 'CellOffsets', &
-       'ConnectivityIdOffsets', 'PointDataOffsets']
+    character(len=9), parameter :: shared(6) = &
+      ['Points   ', 'PointData', 'Vertices ', 'Lines    ', 'Polygons ', 'Strips   ']
+    character(len=21), parameter :: shared_steps(6) = &
+      ['PartOffsets          ', 'NumberOfParts        ', 'PointOffsets         ', &
+       'CellOffsets          ', 'ConnectivityIdOffsets', 'PointDataOffsets     ']
     integer(hid_t) :: commits, first, second, first_steps, second_steps
     integer :: k
 

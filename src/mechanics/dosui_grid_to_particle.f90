@@ -1,11 +1,13 @@
 !! Grid to particles: velocities, displacements, strain increments and the affine matrix.
 !!
-!! Nodal values of a patch are loaded once for a run of particles that share it.
+!! Particles are taken in chunks: weights, interpolation, and what follows from it. Nodal values
+!! of a patch are loaded once for a run of particles that share it.
 module dosui_grid_to_particle
   use dosui_kinds, only: wp
-  use dosui_dimension, only: ndim, nsig, nshear, voigt_slot
+  use dosui_dimension, only: ndim, nsig, nshear, axis, voigt_slot
   use dosui_grid, only: grid_t
-  use dosui_shape_functions, only: patch_weights, shape_bspline
+  use dosui_shape_functions, only: shape_bspline, n_group, n_group_wide, group_count, &
+                                   patch_offsets, patch_weights
   implicit none
   private
 
@@ -35,26 +37,207 @@ contains
     real(wp), intent(inout) :: position(ndim, n)               !! [m]
     real(wp), intent(inout) :: velocity(ndim, n)               !! [m/s]
     real(wp), intent(inout) :: displacement(ndim, n)           !! [m]
-    real(wp), intent(out) :: strain_increment(nsig, n)         !! tension positive, 2 x shear [-]
+    real(wp), intent(inout) :: strain_increment(nsig, n)       !! tension positive, 2 x shear [-]
     real(wp), intent(inout), optional :: affine(ndim*ndim, n)
     !! C of APIC, component (a, b) = dv_a/dx_b at a + (b - 1) ndim [1/s]
     real(wp), intent(inout), optional :: spin(nshear, n)
     !! (dv_a/dx_b - dv_b/dx_a) dt/2 for (a, b) = (x, y), (y, z), (z, x); 2-D: (z, x) [-]
-    real(wp) :: slope(ndim, ndim, chunk)
+    real(wp) :: mean(ndim, chunk), change(ndim, chunk), slope(ndim, ndim, chunk)
+    real(wp) :: moment(ndim, ndim, chunk)
     integer :: first, last, m
+    logical :: has_moments
 
+    has_moments = present(affine) .and. grid%shape_kind == shape_bspline
     do first = 1, n, chunk
       last = min(first + chunk - 1, n)
       m = last - first + 1
-      if (grid%width == 2) then
-        call gather_chunk(grid, 2, 2**ndim, m, patch(first:last), dt, flip_fraction, velocity_old, &
-                          velocity_new, moves, present(affine), position(:, first:last), &
-                          velocity(:, first:last), displacement(:, first:last), slope)
-      else
-        call gather_chunk(grid, 3, 3**ndim, m, patch(first:last), dt, flip_fraction, velocity_old, &
-                          velocity_new, moves, present(affine), position(:, first:last), &
-                          velocity(:, first:last), displacement(:, first:last), slope)
+      call gather_chunk(grid, group_count(grid%shape_kind), m, patch(first:last), &
+                        position(:, first:last), flip_fraction, velocity_old, velocity_new, &
+                        has_moments, mean, change, slope, moment)
+      if (has_moments) then
+        call invert_moments(m, grid%origin, grid%spacing, patch(first:last), grid%n_patch, &
+                            grid%patch_base, position(:, first:last), mean, moment, &
+                            affine(:, first:last))
+      else if (present(affine)) then
+        affine(:, first:last) = reshape(slope(:, :, 1:m), [ndim*ndim, m])
       end if
+      if (present(spin)) call set_spin(m, dt, slope, spin(:, first:last))
+      call set_strain(m, dt, slope, strain_increment(:, first:last))
+      velocity(:, first:last) = flip_fraction*velocity(:, first:last) + change(:, 1:m)
+      displacement(:, first:last) = displacement(:, first:last) + dt*mean(:, 1:m)
+      if (moves) position(:, first:last) = position(:, first:last) + dt*mean(:, 1:m)
     end do
   end subroutine grid_to_particles
+
+  subroutine gather_chunk(grid, n_groups, m, patch, position, flip_fraction, velocity_old, &
+                          velocity_new, has_moments, mean, change, slope, moment)
+    !! Weights of a chunk and its interpolated values, run by run of particles in one patch.
+    type(grid_t), intent(in) :: grid
+    integer, intent(in) :: n_groups, m
+    integer, intent(in) :: patch(m)
+    real(wp), intent(in) :: position(ndim, m), flip_fraction
+    real(wp), intent(in) :: velocity_old(ndim, grid%n_node), velocity_new(ndim, grid%n_node)
+    logical, intent(in) :: has_moments
+    real(wp), intent(inout) :: mean(ndim, chunk), change(ndim, chunk)
+    real(wp), intent(inout) :: slope(ndim, ndim, chunk), moment(ndim, ndim, chunk)
+    real(wp) :: weight(n_group*n_group_wide*chunk), gradient(n_group*n_group_wide*ndim*chunk)
+    real(wp) :: offset(n_group*n_group_wide*ndim)
+    integer :: first, last, g, n_node
+
+    n_node = size(grid%patch_node, 1)
+    call patch_offsets(grid%shape_kind, n_groups, offset)
+    call patch_weights(grid%shape_kind, grid%half_domain, grid%origin, grid%spacing, m, patch, &
+                       position, grid%n_patch, grid%patch_base, n_groups, weight, gradient)
+    mean(:, 1:m) = 0.0_wp
+    change(:, 1:m) = 0.0_wp
+    slope(:, :, 1:m) = 0.0_wp
+    if (has_moments) moment(:, :, 1:m) = 0.0_wp
+    first = 1
+    do while (first <= m)
+      last = first
+      do while (last < m)
+        if (patch(last + 1) /= patch(first)) exit
+        last = last + 1
+      end do
+      do g = 1, n_groups
+        call gather_run(g, n_groups, first, last, weight, gradient, n_node, &
+                        grid%patch_node(1, patch(first)), flip_fraction, grid%n_node, &
+                        velocity_old, velocity_new, mean, change, slope)
+        if (has_moments) &
+          call gather_moments(g, n_groups, offset, first, last, weight, n_node, &
+                              grid%patch_node(1, patch(first)), grid%n_node, velocity_new, moment)
+      end do
+      first = last + 1
+    end do
+  end subroutine gather_chunk
+
+  pure subroutine gather_run(g, n_groups, first, last, weight, gradient, n_patch_node, patch_node, &
+                             flip_fraction, n_node, velocity_old, velocity_new, mean, change, slope)
+    !! Kernel: adds what one group of nodes gives to particles that share a patch.
+    integer, intent(in) :: g, n_groups, first, last
+    real(wp), intent(in) :: weight(n_group, n_groups, last)
+    real(wp), intent(in) :: gradient(n_group, n_groups, ndim, last)
+    integer, intent(in) :: n_patch_node, patch_node(n_patch_node), n_node
+    real(wp), intent(in) :: flip_fraction
+    real(wp), intent(in) :: velocity_old(ndim, n_node), velocity_new(ndim, n_node)
+    real(wp), intent(inout) :: mean(ndim, last), change(ndim, last), slope(ndim, ndim, last)
+    real(wp) :: new(n_group, ndim), gain(n_group, ndim)
+    integer :: a, b, i, node, p
+
+    new = 0.0_wp
+    gain = 0.0_wp
+    do i = 1, min(n_group, n_patch_node - n_group*(g - 1))
+      node = patch_node(n_group*(g - 1) + i)
+      new(i, :) = velocity_new(:, node)
+      gain(i, :) = velocity_new(:, node) - flip_fraction*velocity_old(:, node)
+    end do
+    do p = first, last
+      do a = 1, ndim
+        mean(a, p) = mean(a, p) + dot_product(weight(:, g, p), new(:, a))
+        change(a, p) = change(a, p) + dot_product(weight(:, g, p), gain(:, a))
+      end do
+      do b = 1, ndim
+        do a = 1, ndim
+          slope(a, b, p) = slope(a, b, p) + dot_product(gradient(:, g, b, p), new(:, a))
+        end do
+      end do
+    end do
+  end subroutine gather_run
+
+  pure subroutine gather_moments(g, n_groups, offset, first, last, weight, n_patch_node, &
+                                 patch_node, n_node, velocity, moment)
+    !! Kernel: adds one group's sum N_i v_i (x_i - x_base)/h to particles that share a patch.
+    integer, intent(in) :: g, n_groups, first, last
+    real(wp), intent(in) :: offset(n_group, n_groups, ndim), weight(n_group, n_groups, last)
+    integer, intent(in) :: n_patch_node, patch_node(n_patch_node), n_node
+    real(wp), intent(in) :: velocity(ndim, n_node)
+    real(wp), intent(inout) :: moment(ndim, ndim, last)
+    integer :: b, i, node, p
+
+    do p = first, last
+      do i = 1, min(n_group, n_patch_node - n_group*(g - 1))
+        node = patch_node(n_group*(g - 1) + i)
+        do b = 1, ndim
+          moment(:, b, p) = moment(:, b, p) + weight(i, g, p)*offset(i, g, b)*velocity(:, node)
+        end do
+      end do
+    end do
+  end subroutine gather_moments
+
+  pure subroutine invert_moments(m, origin, spacing, patch, n_patch, patch_base, position, mean, &
+                                 moment, affine)
+    !! Kernel: C = 4/h^2 sum N_i v_i (x_i - x), the affine matrix of quadratic B-splines.
+    integer, intent(in) :: m, n_patch
+    real(wp), intent(in) :: origin(ndim), spacing
+    integer, intent(in) :: patch(m), patch_base(ndim, n_patch)
+    real(wp), intent(in) :: position(ndim, m), mean(ndim, chunk), moment(ndim, ndim, chunk)
+    real(wp), intent(inout) :: affine(ndim, ndim, m)
+    real(wp) :: local
+    integer :: b, p
+
+    do p = 1, m
+      do b = 1, ndim
+        local = (position(b, p) - origin(b))/spacing - patch_base(b, patch(p))
+        affine(:, b, p) = 4.0_wp/spacing*(moment(:, b, p) - local*mean(:, p))
+      end do
+    end do
+  end subroutine invert_moments
+
+  pure subroutine set_strain(m, dt, slope, strain_increment)
+    !! Kernel: dt sym(L), shear components doubled.
+    integer, intent(in) :: m
+    real(wp), intent(in) :: dt, slope(ndim, ndim, chunk)
+    real(wp), intent(inout) :: strain_increment(nsig, m)
+    integer :: a, b, p
+
+    do p = 1, m
+      strain_increment(:, p) = 0.0_wp
+      do b = 1, ndim
+        do a = 1, ndim
+          strain_increment(voigt_slot(a, b), p) = strain_increment(voigt_slot(a, b), p) + &
+                                                  dt*slope(a, b, p)
+        end do
+      end do
+    end do
+  end subroutine set_strain
+
+  pure subroutine set_spin(m, dt, slope, spin)
+    !! Kernel: dt skew(L) for (x, y), (y, z), (z, x) or, in 2-D, (z, x).
+    integer, intent(in) :: m
+    real(wp), intent(in) :: dt, slope(ndim, ndim, chunk)
+    real(wp), intent(inout) :: spin(nshear, m)
+    integer :: a, b, p
+
+    do p = 1, m
+      do b = 1, ndim
+        do a = 1, ndim
+          if (axis(b) /= mod(axis(a), 3) + 1) cycle   ! one entry for each pair of directions
+          spin(voigt_slot(a, b) - 3, p) = 0.5_wp*dt*(slope(a, b, p) - slope(b, a, p))
+        end do
+      end do
+    end do
+  end subroutine set_spin
+
+  pure subroutine cell_divergence_centre(spacing, n_cell, cell_node, n_node, velocity, divergence)
+    !! Kernel: div v of the nodal field at cell centres, from hats [1/s].
+    real(wp), intent(in) :: spacing                       !! [m]
+    integer, intent(in) :: n_cell
+    integer, intent(in) :: cell_node(2**ndim, n_cell)     !! corner nodes, x fastest
+    integer, intent(in) :: n_node
+    real(wp), intent(in) :: velocity(ndim, n_node)        !! [m/s]
+    real(wp), intent(out) :: divergence(n_cell)
+    real(wp) :: total
+    integer :: a, c, i
+
+    do c = 1, n_cell
+      total = 0.0_wp
+      do i = 1, 2**ndim
+        do a = 1, ndim
+          total = total + merge(velocity(a, cell_node(i, c)), -velocity(a, cell_node(i, c)), &
+                                btest(i - 1, a - 1))
+        end do
+      end do
+      divergence(c) = total/(spacing*2**(ndim - 1))
+    end do
+  end subroutine cell_divergence_centre
 end module dosui_grid_to_particle

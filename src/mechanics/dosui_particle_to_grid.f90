@@ -7,7 +7,8 @@ module dosui_particle_to_grid
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim, nsig, voigt_slot
   use dosui_grid, only: grid_t
-  use dosui_shape_functions, only: patch_weights
+  use dosui_shape_functions, only: n_group, n_group_wide, group_count, patch_offsets, &
+                                   patch_weights
   implicit none
   private
 
@@ -64,13 +65,9 @@ contains
         call expand_affine(m, grid%origin, grid%spacing, patch(first:last), grid%n_patch, &
                            grid%patch_base, position(:, first:last), affine(:, first:last), &
                            start, slope)
-      if (grid%width == 2) then
-        call spread_chunk(grid, 2, 2**ndim, m, patch(first:last), position(:, first:last), &
-                          mass(first:last), gravity, start, slope, load, nodal)
-      else
-        call spread_chunk(grid, 3, 3**ndim, m, patch(first:last), position(:, first:last), &
-                          mass(first:last), gravity, start, slope, load, nodal)
-      end if
+      call spread_chunk(grid, group_count(grid%shape_kind), m, patch(first:last), &
+                        position(:, first:last), mass(first:last), gravity, start, slope, load, &
+                        nodal)
     end do
   end subroutine particles_to_grid
 
@@ -147,26 +144,23 @@ contains
     end do
   end subroutine expand_affine
 
-  subroutine spread_chunk(grid, width, n_node, m, patch, position, mass, gravity, start, slope, &
-                          load, nodal)
-    !! Weights of a chunk and its nodal sums. The compiler makes a copy for each constant width.
+  subroutine spread_chunk(grid, n_groups, m, patch, position, mass, gravity, start, slope, load, &
+                          nodal)
+    !! Weights of a chunk and its nodal sums, run by run of particles in one patch.
     type(grid_t), intent(in) :: grid
-    integer, intent(in) :: width, n_node, m
+    integer, intent(in) :: n_groups, m
     integer, intent(in) :: patch(m)
     real(wp), intent(in) :: position(ndim, m), mass(m), gravity(ndim)
     real(wp), intent(in) :: start(ndim, chunk), slope(ndim, ndim, chunk), load(ndim, ndim, chunk)
     real(wp), intent(inout) :: nodal(n_nodal_row, grid%n_node)
-    real(wp) :: weight(n_node, chunk), gradient(n_node, ndim, chunk), offset(n_node, ndim)
-    real(wp) :: sums(n_node, n_nodal_row)
-    integer :: d, i, first, last
+    real(wp) :: weight(n_group*n_group_wide*chunk), gradient(n_group*n_group_wide*ndim*chunk)
+    real(wp) :: offset(n_group*n_group_wide*ndim)
+    integer :: first, last, g, n_node
 
+    n_node = size(grid%patch_node, 1)
+    call patch_offsets(grid%shape_kind, n_groups, offset)
     call patch_weights(grid%shape_kind, grid%half_domain, grid%origin, grid%spacing, m, patch, &
-                       position, grid%n_patch, grid%patch_base, n_node, weight, gradient)
-    do d = 1, ndim
-      do i = 1, n_node
-        offset(i, d) = real(mod((i - 1)/width**(d - 1), width), wp)
-      end do
-    end do
+                       position, grid%n_patch, grid%patch_base, n_groups, weight, gradient)
     first = 1
     do while (first <= m)
       last = first
@@ -174,43 +168,50 @@ contains
         if (patch(last + 1) /= patch(first)) exit
         last = last + 1
       end do
-      call sum_run(n_node, offset, last - first + 1, weight(:, first), gradient(:, :, first), &
-                   mass(first), gravity, start(:, first), slope(:, :, first), load(:, :, first), sums)
-      do i = 1, n_node
-        nodal(:, grid%patch_node(i, patch(first))) = nodal(:, grid%patch_node(i, patch(first))) + &
-                                                     sums(i, :)
+      do g = 1, n_groups
+        call spread_run(g, n_groups, offset, first, last, weight, gradient, mass, gravity, start, &
+                        slope, load, n_node, grid%patch_node(1, patch(first)), grid%n_node, nodal)
       end do
       first = last + 1
     end do
   end subroutine spread_chunk
 
-  pure subroutine sum_run(n_node, offset, m, weight, gradient, mass, gravity, start, slope, load, &
-                          sums)
-    !! Kernel: nodal sums of particles that share a patch, vectorised over its nodes.
-    integer, intent(in) :: n_node, m
-    real(wp), intent(in) :: offset(n_node, ndim)
-    real(wp), intent(in) :: weight(n_node, m), gradient(n_node, ndim, m), mass(m), gravity(ndim)
-    real(wp), intent(in) :: start(ndim, m), slope(ndim, ndim, m), load(ndim, ndim, m)
-    real(wp), intent(out) :: sums(n_node, n_nodal_row)
-    real(wp) :: share(n_node), momentum(n_node), force(n_node)
-    integer :: a, b, p
+  pure subroutine spread_run(g, n_groups, offset, first, last, weight, gradient, mass, gravity, &
+                             start, slope, load, n_patch_node, patch_node, n_node, nodal)
+    !! Kernel: sums of particles that share a patch, vectorised over one group of its nodes.
+    integer, intent(in) :: g, n_groups, first, last
+    real(wp), intent(in) :: offset(n_group, n_groups, ndim)
+    real(wp), intent(in) :: weight(n_group, n_groups, last), mass(last), gravity(ndim)
+    real(wp), intent(in) :: gradient(n_group, n_groups, ndim, last)
+    real(wp), intent(in) :: start(ndim, last), slope(ndim, ndim, last), load(ndim, ndim, last)
+    integer, intent(in) :: n_patch_node, patch_node(n_patch_node), n_node
+    real(wp), intent(inout) :: nodal(n_nodal_row, n_node)
+    real(wp) :: sums(n_group, n_nodal_row), share(n_group), momentum(n_group), force(n_group)
+    integer :: a, b, i, node, p
 
     sums = 0.0_wp
-    do p = 1, m
-      share = mass(p)*weight(:, p)
+    do p = first, last
+      share = mass(p)*weight(:, g, p)
       sums(:, 1) = sums(:, 1) + share
       do a = 1, ndim
         momentum = start(a, p)
-        force = gravity(a)*share
+        force = 0.0_wp
         do b = 1, ndim
-          momentum = momentum + slope(a, b, p)*offset(:, b)
-          force = force + load(a, b, p)*gradient(:, b, p)
+          momentum = momentum + slope(a, b, p)*offset(:, g, b)
+          force = force + load(a, b, p)*gradient(:, g, b, p)
         end do
         sums(:, 1 + a) = sums(:, 1 + a) + share*momentum
         sums(:, 1 + ndim + a) = sums(:, 1 + ndim + a) + force
       end do
     end do
-  end subroutine sum_run
+    do a = 1, ndim
+      sums(:, 1 + ndim + a) = sums(:, 1 + ndim + a) + gravity(a)*sums(:, 1)
+    end do
+    do i = 1, min(n_group, n_patch_node - n_group*(g - 1))
+      node = patch_node(n_group*(g - 1) + i)
+      nodal(:, node) = nodal(:, node) + sums(i, :)
+    end do
+  end subroutine spread_run
 
   pure subroutine cell_pressure_forces(spacing, n_cell, cell_node, cell_volume_pressure, n_node, &
                                        nodal)

@@ -77,8 +77,8 @@ contains
   end subroutine parallel_stop
 
   subroutine communicator_init(self, handle)
-    !! Wraps an MPI communicator.
-    class(communicator_t), intent(out) :: self
+    !! Wraps an MPI communicator (which may be the one in `self`).
+    class(communicator_t), intent(inout) :: self
     type(MPI_Comm), intent(in) :: handle
 
     self%handle = handle

@@ -1,231 +1,438 @@
 !! Distributed index sets: which local entries are shared with, or ghosts of, other ranks.
 !!
 !! Every entry has one owner. `gather` copies the owner's values to all ghosts, `scatter_add` adds
-!! the ghosts' contributions to the owner, in rank order. Buffers are kept between calls.
+!! the ghosts' values to the owner's in rank order. Both are point-to-point, one message for each
+!! neighbour; ranks without neighbours pass through. Buffers are kept between calls.
 module dosui_index_map
+  use mpi_f08, only: MPI_Comm, MPI_Request, MPI_REAL8, MPI_INTEGER8, MPI_STATUSES_IGNORE, &
+                     MPI_Irecv, MPI_Isend, MPI_Waitall
   use dosui_kinds, only: wp, i8
   use dosui_communicator, only: communicator_t
-  use dosui_sort, only: binary_search, sort_permutation
+  use dosui_sort, only: sort_permutation
   implicit none
   private
 
+  integer, parameter :: message_tag = 7101
+
   type, public :: index_map_t
+    !! The entries of one index set (nodes, cells, points) that this rank exchanges.
+    integer :: n_local = 0                   !! entries of this rank, owned and ghosts
     integer :: n_neighbour = 0
-    integer, allocatable :: neighbour(:)                    !! ranks, increasing
-    integer, allocatable :: send_start(:), send_index(:)    !! owner side, CSR by neighbour
-    integer, allocatable :: recv_start(:), recv_index(:)    !! ghost side, CSR by neighbour
-    logical, allocatable :: is_owned(:)                     !! (n_local)
-    real(wp), allocatable, private :: send_buffer(:), recv_buffer(:)
+    integer, allocatable :: neighbour(:)     !! (n_neighbour) ranks, increasing
+    integer, allocatable :: send_start(:)    !! (n_neighbour+1) into send_index
+    integer, allocatable :: send_index(:)    !! owned entries, neighbour by neighbour
+    integer, allocatable :: recv_start(:)    !! (n_neighbour+1) into recv_index
+    integer, allocatable :: recv_index(:)    !! ghost entries, neighbour by neighbour
+    logical, allocatable :: is_owned(:)      !! (n_local)
+    real(wp), allocatable, private :: owned_buffer(:), ghost_buffer(:)
+    integer(i8), allocatable, private :: owned_keys(:), ghost_keys(:)
+    type(MPI_Request), allocatable, private :: request(:)   !! (2*n_neighbour)
   contains
-    procedure :: init_shared => index_map_init_shared
-    procedure :: init_halo => index_map_init_halo
-    procedure :: gather => index_map_gather
-    procedure :: scatter_add => index_map_scatter_add
-    procedure :: n_shared => index_map_n_shared
+    procedure :: init_shared => map_init_shared
+    procedure :: init_halo => map_init_halo
+    procedure :: gather => map_gather
+    procedure :: gather_longs => map_gather_longs
+    procedure :: scatter_add => map_scatter_add
+    procedure :: n_shared => map_n_shared
   end type index_map_t
 
 contains
 
-  subroutine index_map_init_shared(self, comm, key, candidate)
-    !! Entries with equal keys on several ranks are one entity, owned by the lowest of them.
-    !! Collective: a distributed directory (key -> rank) finds who else has a key.
+  ! ---------------------------------------------------------------- construction
+
+  subroutine map_init_shared(self, comm, key, candidate)
+    !! Entries with equal keys on several ranks are one shared entity, owned by the lowest of these
+    !! ranks. Collective. Only candidates are looked up (on a rank chosen by the key itself); the
+    !! ranks that share an entry must all name it as a candidate.
     class(index_map_t), intent(inout) :: self
     type(communicator_t), intent(in) :: comm
-    integer(i8), intent(in) :: key(:)          !! sorted, distinct on this rank
-    logical, intent(in) :: candidate(:)        !! may be shared; others are not looked up
-    integer(i8), allocatable :: owner_reply(:), ghost_reply(:)
-    integer, allocatable :: owner_count(:), ghost_count(:)
+    integer(i8), intent(in) :: key(:)          !! sorted, each once
+    logical, intent(in) :: candidate(:)        !! (size(key)) may other ranks have this entry?
+    integer(i8), allocatable :: asked(:), answer(:)
+    integer, allocatable :: entry(:), ask_count(:), partner(:), shared(:), recv_count(:)
+    logical, allocatable :: is_ghost(:), is_mine(:)
     integer :: k
 
+    call pose_questions(comm, key, candidate, entry, asked, ask_count)
+    call ask_directory(comm, asked, ask_count, answer, recv_count)
+    shared = [(entry(int(answer(k))), k=1, size(answer) - 1, 2)]
+    partner = [(int(answer(k)), k=2, size(answer), 2)]
+    is_ghost = partner < comm%rank
+    is_mine = partner > comm%rank
+    call set_lists(comm, pack(partner, is_mine), pack(shared, is_mine), self%send_index, ask_count)
+    call set_lists(comm, pack(partner, is_ghost), pack(shared, is_ghost), self%recv_index, &
+                   recv_count)
+    call set_neighbours(self, ask_count, recv_count)
+    self%n_local = size(key)
     if (allocated(self%is_owned)) deallocate (self%is_owned)
-    allocate (self%is_owned(size(key)), source=.true.)
-    call ask_directory(comm, pack(key, candidate), owner_reply, owner_count, ghost_reply, &
-                       ghost_count)
-    call set_lists(self, comm, [(binary_search(key, ghost_reply(k)), k=1, size(ghost_reply))], &
-                   ghost_count, [(binary_search(key, owner_reply(k)), k=1, size(owner_reply))], &
-                   owner_count)
-    self%is_owned(self%recv_index) = .false.
-  end subroutine index_map_init_shared
+    allocate (self%is_owned(self%n_local), source=.true.)
+    do k = 1, size(self%recv_index)
+      self%is_owned(self%recv_index(k)) = .false.
+    end do
+  end subroutine map_init_shared
 
-  subroutine ask_directory(comm, key, owned, owned_count, ghosts, ghost_count)
-    !! For the keys of this rank that others have too: those owned elsewhere (`ghosts`, grouped by
-    !! owner), and those owned here (`owned`, grouped by the rank that has a ghost of it).
+  subroutine pose_questions(comm, key, candidate, entry, asked, ask_count)
+    !! The candidates' keys, ordered by the directory rank that knows about them. Alone, a rank has
+    !! nothing to ask.
     type(communicator_t), intent(in) :: comm
     integer(i8), intent(in) :: key(:)
-    integer(i8), allocatable, intent(out) :: owned(:), ghosts(:)
-    integer, allocatable, intent(out) :: owned_count(:), ghost_count(:)   !! (0:size-1)
-    integer(i8), allocatable :: asked(:), pair(:), answer(:)
-    integer, allocatable :: asked_count(:), count(:), answer_count(:), rank_of(:), order(:)
-    integer(i8), allocatable :: send(:)
-    integer :: rank, k
+    logical, intent(in) :: candidate(:)
+    integer, allocatable, intent(out) :: entry(:)         !! local entry of each question
+    integer(i8), allocatable, intent(out) :: asked(:)     !! its key
+    integer, allocatable, intent(out) :: ask_count(:)     !! (0:size-1)
+    integer, allocatable :: order(:), candidates(:)
+    integer(i8), allocatable :: of_rank(:)
+    integer :: k, n
 
-    call group_by_rank(comm, key, [(directory_rank(comm, key(k)), k=1, size(key))], send, count)
-    call comm%exchange(send, count, asked, asked_count)
-    allocate (rank_of(size(asked)))
-    k = 0
-    do rank = 0, comm%size - 1
-      rank_of(k + 1:k + asked_count(rank)) = rank
-      k = k + asked_count(rank)
+    n = 0
+    if (comm%size > 1) n = count(candidate)
+    allocate (candidates(n), of_rank(n))
+    allocate (ask_count(0:comm%size - 1), source=0)
+    if (n > 0) candidates = pack([(k, k=1, size(key))], candidate)
+    do k = 1, n
+      of_rank(k) = int(directory_rank(key(candidates(k)), comm%size), i8)
+      ask_count(of_rank(k)) = ask_count(of_rank(k)) + 1
     end do
-    call sort_permutation(asked, order)
-    ! Answers are triples (key, owner, ghost rank), sent to both the owner and the ghost.
-    allocate (answer(0), answer_count(0))
-    call collect_pairs(asked, rank_of, order, answer, answer_count)
-    call group_triples(comm, answer, answer_count, send, count)
-    call comm%exchange(send, count, pair, asked_count)
-    ghosts = pack(pair(1::3), int(pair(3::3)) == comm%rank)
-    rank_of = int(pack(pair(2::3), int(pair(3::3)) == comm%rank))
-    call group_by_rank(comm, ghosts, rank_of, send, ghost_count)
-    ghosts = sorted_in_groups(send, ghost_count)
-    owned = pack(pair(1::3), int(pair(2::3)) == comm%rank)
-    rank_of = int(pack(pair(3::3), int(pair(2::3)) == comm%rank))
-    call group_by_rank(comm, owned, rank_of, send, owned_count)
-    owned = sorted_in_groups(send, owned_count)
-  end subroutine ask_directory
+    call sort_permutation(of_rank, order)
+    entry = candidates(order)
+    asked = key(entry)
+  end subroutine pose_questions
 
-  pure integer function directory_rank(comm, key) result(rank)
-    !! The rank that knows who has a key.
-    type(communicator_t), intent(in) :: comm
+  pure integer function directory_rank(key, n_rank) result(rank)
+    !! The rank that knows who holds a key: a hash, so that neighbouring keys spread evenly.
     integer(i8), intent(in) :: key
+    integer, intent(in) :: n_rank
+    integer(i8), parameter :: prime = 2147483647_i8
+    integer(i8) :: hash
 
-    rank = int(modulo(ieor(key, ishft(key, -21))*31_i8 + ishft(key, -42), int(comm%size, i8)))
+    hash = mod(iand(key, huge(key)), prime)
+    hash = mod(ieor(hash, iand(ishft(key, -21), prime))*48271_i8, prime)
+    hash = ieor(hash, ishft(hash, -15))
+    rank = int(mod(hash, int(n_rank, i8)))
   end function directory_rank
 
-  pure subroutine collect_pairs(key, rank_of, order, triple, destination)
-    !! All (key, owner, ghost) triples of keys that several ranks asked for, each twice: for the
-    !! owner and for the ghost.
-    integer(i8), intent(in) :: key(:)
-    integer, intent(in) :: rank_of(:)
-    integer, intent(in) :: order(:)
-    integer(i8), allocatable, intent(inout) :: triple(:)
-    integer, allocatable, intent(inout) :: destination(:)
-    integer :: first, last, k, n, pass
+  subroutine ask_directory(comm, asked, ask_count, answer, answer_count)
+    !! Who else holds the keys? Answers are pairs: number of the question among those to the same
+    !! directory rank, shifted to this rank's numbering; and the other holder. Of a key's holders
+    !! the lowest rank hears of all others, the others hear of the lowest.
+    type(communicator_t), intent(in) :: comm
+    integer(i8), intent(in) :: asked(:)
+    integer, intent(in) :: ask_count(0:)
+    integer(i8), allocatable, intent(out) :: answer(:)
+    integer, allocatable, intent(out) :: answer_count(:)
+    integer(i8), allocatable :: held(:), reply(:)
+    integer, allocatable :: held_count(:), reply_count(:)
+    integer :: rank, k, before, offset
 
-    do pass = 1, 2
-      n = 0
+    if (comm%size == 1) then
+      allocate (answer(0), answer_count(0:0))
+      answer_count = 0
+      return
+    end if
+    call comm%exchange(asked, ask_count, held, held_count)
+    call write_replies(comm%size, held, held_count, reply, reply_count)
+    call comm%exchange(reply, reply_count, answer, answer_count)
+    before = 0
+    offset = 0
+    do rank = 0, comm%size - 1
+      do k = before + 1, before + answer_count(rank), 2
+        answer(k) = answer(k) + offset
+      end do
+      before = before + answer_count(rank)
+      offset = offset + ask_count(rank)
+    end do
+  end subroutine ask_directory
+
+  subroutine write_replies(n_rank, held, held_count, reply, reply_count)
+    !! The directory's work: finds equal keys among the questions and tells the ranks about each
+    !! other.
+    integer, intent(in) :: n_rank
+    integer(i8), intent(in) :: held(:)         !! keys asked about, by asking rank
+    integer, intent(in) :: held_count(0:)      !! (0:n_rank-1)
+    integer(i8), allocatable, intent(out) :: reply(:)     !! pairs by rank
+    integer, allocatable, intent(out) :: reply_count(:)   !! (0:n_rank-1) numbers, two for a pair
+    integer, allocatable :: order(:), rank_of(:), number_of(:), next(:)
+    integer :: rank, k, first, last, pass, n
+
+    n = size(held)
+    allocate (rank_of(n), number_of(n))
+    n = 0
+    do rank = 0, n_rank - 1
+      do k = 1, held_count(rank)
+        rank_of(n + k) = rank
+        number_of(n + k) = k
+      end do
+      n = n + held_count(rank)
+    end do
+    call sort_permutation(held, order)   ! stable: holders of a key appear in rank order
+    allocate (reply_count(0:n_rank - 1), next(0:n_rank - 1))
+    do pass = 1, 2                       ! counts, then writes
+      if (pass == 1) next = 0
+      if (pass == 2) call start_replies(next, reply_count, reply)
       first = 1
-      do while (first <= size(key))
-        last = first
-        do while (last < size(key))
-          if (key(order(last + 1)) /= key(order(first))) exit
-          last = last + 1
-        end do
-        do k = first + 1, last   ! stable sort: the lowest rank comes first
-          if (pass == 2) then
-            triple(6*n + 1:6*n + 3) = [key(order(k)), int(rank_of(order(first)), i8), &
-                                       int(rank_of(order(k)), i8)]
-            triple(6*n + 4:6*n + 6) = triple(6*n + 1:6*n + 3)
-            destination(2*n + 1:2*n + 2) = [rank_of(order(first)), rank_of(order(k))]
-          end if
-          n = n + 1
+      do while (first <= n)
+        last = last_equal(held, order, first)
+        do k = first + 1, last
+          call tell(order(first), order(k))
+          call tell(order(k), order(first))
         end do
         first = last + 1
       end do
-      if (pass == 1) then
-        deallocate (triple, destination)
-        allocate (triple(6*n), destination(2*n))
+    end do
+
+  contains
+
+    subroutine tell(listener, other)
+      !! Tells one holder of a key about another one.
+      integer, intent(in) :: listener, other
+      integer :: to
+
+      to = rank_of(listener)
+      if (pass == 2) then
+        reply(next(to) + 1) = int(number_of(listener), i8)
+        reply(next(to) + 2) = int(rank_of(other), i8)
       end if
-    end do
-  end subroutine collect_pairs
+      next(to) = next(to) + 2
+    end subroutine tell
+  end subroutine write_replies
 
-  subroutine group_by_rank(comm, key, rank_of, grouped, count)
-    !! Keys grouped by rank, keeping their order.
-    type(communicator_t), intent(in) :: comm
+  subroutine start_replies(next, reply_count, reply)
+    !! Turns counts into places to write.
+    integer, intent(inout) :: next(0:)              !! in: counts, out: numbers before each rank's
+    integer, intent(out) :: reply_count(0:)
+    integer(i8), allocatable, intent(out) :: reply(:)
+    integer :: rank, before
+
+    allocate (reply(sum(next)))
+    before = 0
+    do rank = 0, size(next) - 1
+      reply_count(rank) = next(rank)
+      next(rank) = before
+      before = before + reply_count(rank)
+    end do
+  end subroutine start_replies
+
+  pure integer function last_equal(key, order, first) result(last)
+    !! The last of the sorted keys that equals the one at `first`.
     integer(i8), intent(in) :: key(:)
-    integer, intent(in) :: rank_of(:)
-    integer(i8), allocatable, intent(out) :: grouped(:)
-    integer, allocatable, intent(out) :: count(:)   !! (0:size-1)
+    integer, intent(in) :: order(:), first
+
+    last = first
+    do while (last < size(order))
+      if (key(order(last + 1)) /= key(order(first))) exit
+      last = last + 1
+    end do
+  end function last_equal
+
+  subroutine set_lists(comm, partner, entry, index, partner_count)
+    !! Entries ordered by partner rank, then by local number: as keys are sorted, both sides of a
+    !! message agree on its order.
+    type(communicator_t), intent(in) :: comm
+    integer, intent(in) :: partner(:), entry(:)
+    integer, allocatable, intent(out) :: index(:)
+    integer, allocatable, intent(out) :: partner_count(:)   !! (0:size-1)
+    integer(i8), allocatable :: sort_key(:)
     integer, allocatable :: order(:)
     integer :: k
 
-    call sort_permutation(int(rank_of, i8), order)
-    grouped = key(order)
-    allocate (count(0:comm%size - 1), source=0)
-    do k = 1, size(rank_of)
-      count(rank_of(k)) = count(rank_of(k)) + 1
+    allocate (partner_count(0:comm%size - 1), source=0)
+    allocate (sort_key(size(entry)), index(size(entry)))
+    do k = 1, size(entry)
+      sort_key(k) = ishft(int(partner(k), i8), 31) + int(entry(k), i8)
+      partner_count(partner(k)) = partner_count(partner(k)) + 1
     end do
-  end subroutine group_by_rank
-
-  subroutine group_triples(comm, triple, destination, grouped, count)
-    !! Triples grouped by destination; counts are in numbers, not triples.
-    type(communicator_t), intent(in) :: comm
-    integer(i8), intent(in) :: triple(:)
-    integer, intent(in) :: destination(:)
-    integer(i8), allocatable, intent(out) :: grouped(:)
-    integer, allocatable, intent(out) :: count(:)   !! (0:size-1)
-    integer, allocatable :: order(:)
-    integer :: k
-
-    call sort_permutation(int(destination, i8), order)
-    allocate (grouped(size(triple)))
-    allocate (count(0:comm%size - 1), source=0)
-    do k = 1, size(destination)
-      grouped(3*k - 2:3*k) = triple(3*order(k) - 2:3*order(k))
-      count(destination(k)) = count(destination(k)) + 3
-    end do
-  end subroutine group_triples
-
-  function sorted_in_groups(key, count) result(sorted)
-    !! Sorts the keys of every rank's group, so that both sides of a message agree on its order.
-    integer(i8), intent(in) :: key(:)
-    integer, intent(in) :: count(:)
-    integer(i8), allocatable :: sorted(:)
-    integer, allocatable :: order(:)
-    integer :: k, first
-
-    sorted = key
-    first = 1
-    do k = 1, size(count)
-      call sort_permutation(key(first:first + count(k) - 1), order)
-      sorted(first:first + count(k) - 1) = key(first - 1 + order)
-      first = first + count(k)
-    end do
-  end function sorted_in_groups
-
-  subroutine index_map_init_halo(self, comm, n_owned, send_to_rank, send_index, n_ghost)
-    !! Ghosts are appended behind the owned entries, by sending rank and in the sender's order.
-    !! Collective.
-    class(index_map_t), intent(inout) :: self
-    type(communicator_t), intent(in) :: comm
-    integer, intent(in) :: n_owned
-    integer, intent(in) :: send_to_rank(:)     !! destination of each entry to send
-    integer, intent(in) :: send_index(:)       !! owned entry to send
-    integer, intent(out) :: n_ghost
-    integer(i8), allocatable :: grouped(:), arrived(:)
-    integer, allocatable :: count(:), arrived_count(:)
-    integer :: k
-
-    call group_by_rank(comm, int(send_index, i8), send_to_rank, grouped, count)
-    call comm%exchange(grouped, count, arrived, arrived_count)
-    n_ghost = size(arrived)
-    call set_lists(self, comm, [(n_owned + k, k=1, n_ghost)], arrived_count, int(grouped), count)
-    if (allocated(self%is_owned)) deallocate (self%is_owned)
-    allocate (self%is_owned(n_owned + n_ghost), source=.true.)
-    self%is_owned(n_owned + 1:) = .false.
-  end subroutine index_map_init_halo
-
-  subroutine set_lists(self, comm, recv_index, recv_count, send_index, send_count)
-    !! Turns counts by rank into lists by neighbour.
-    class(index_map_t), intent(inout) :: self
-    type(communicator_t), intent(in) :: comm
-    integer, intent(in) :: recv_index(:), recv_count(0:), send_index(:), send_count(0:)
-    integer :: rank, k
-
-    self%neighbour = pack([(rank, rank=0, comm%size - 1)], recv_count > 0 .or. send_count > 0)
-    self%n_neighbour = size(self%neighbour)
-    self%send_index = send_index
-    self%recv_index = recv_index
-    if (allocated(self%send_start)) deallocate (self%send_start, self%recv_start)
-    allocate (self%send_start(self%n_neighbour + 1), self%recv_start(self%n_neighbour + 1))
-    self%send_start(1) = 1
-    self%recv_start(1) = 1
-    do k = 1, self%n_neighbour
-      self%send_start(k + 1) = self%send_start(k) + send_count(self%neighbour(k))
-      self%recv_start(k + 1) = self%recv_start(k) + recv_count(self%neighbour(k))
+    call sort_permutation(sort_key, order)
+    do k = 1, size(entry)
+      index(k) = entry(order(k))
     end do
   end subroutine set_lists
 
-  subroutine reserve(buffer, n)
+  subroutine set_neighbours(self, send_count, recv_count)
+    !! Neighbours are the ranks to which anything is sent or from which anything comes.
+    class(index_map_t), intent(inout) :: self
+    integer, intent(in) :: send_count(0:), recv_count(0:)
+    integer :: rank, k
+
+    self%neighbour = pack([(rank, rank=0, size(send_count) - 1)], &
+                          send_count > 0 .or. recv_count > 0)
+    self%n_neighbour = size(self%neighbour)
+    if (allocated(self%send_start)) deallocate (self%send_start)
+    if (allocated(self%recv_start)) deallocate (self%recv_start)
+    if (allocated(self%request)) deallocate (self%request)
+    allocate (self%send_start(self%n_neighbour + 1), self%recv_start(self%n_neighbour + 1))
+    allocate (self%request(2*self%n_neighbour))
+    self%send_start(1) = 1
+    self%recv_start(1) = 1
+    do k = 1, self%n_neighbour
+      rank = self%neighbour(k)
+      self%send_start(k + 1) = self%send_start(k) + send_count(rank)
+      self%recv_start(k + 1) = self%recv_start(k) + recv_count(rank)
+    end do
+  end subroutine set_neighbours
+
+  subroutine map_init_halo(self, comm, n_owned, send_to_rank, send_index, n_ghost)
+    !! Owned entries 1...n_owned are followed by ghosts, ordered by sending rank and within it as
+    !! the sender listed them. Collective.
+    class(index_map_t), intent(inout) :: self
+    type(communicator_t), intent(in) :: comm
+    integer, intent(in) :: n_owned
+    integer, intent(in) :: send_to_rank(:)   !! another rank for each entry to send
+    integer, intent(in) :: send_index(:)     !! the owned entry; may occur once for each rank
+    integer, intent(out) :: n_ghost
+    integer(i8), allocatable :: grouped(:), arrived(:)
+    integer, allocatable :: order(:), send_count(:), recv_count(:)
+    integer :: k
+
+    allocate (send_count(0:comm%size - 1), source=0)
+    do k = 1, size(send_to_rank)
+      send_count(send_to_rank(k)) = send_count(send_to_rank(k)) + 1
+    end do
+    call sort_permutation(int(send_to_rank, i8), order)
+    self%send_index = send_index(order)
+    grouped = int(self%send_index, i8)
+    call comm%exchange(grouped, send_count, arrived, recv_count)
+    n_ghost = size(arrived)
+    self%recv_index = [(n_owned + k, k=1, n_ghost)]
+    call set_neighbours(self, send_count, recv_count)
+    self%n_local = n_owned + n_ghost
+    if (allocated(self%is_owned)) deallocate (self%is_owned)
+    allocate (self%is_owned(self%n_local), source=.true.)
+    self%is_owned(n_owned + 1:) = .false.
+  end subroutine map_init_halo
+
+  ! ---------------------------------------------------------------- exchange
+
+  subroutine map_gather(self, comm, width, values)
+    !! Copies the owners' values to the ghosts.
+    class(index_map_t), intent(inout) :: self
+    type(communicator_t), intent(in) :: comm
+    integer, intent(in) :: width                    !! numbers of each entry
+    real(wp), intent(inout) :: values(width, self%n_local)   !! may be longer
+
+    if (self%n_neighbour == 0) return
+    call reserve(self%owned_buffer, width*size(self%send_index))
+    call reserve(self%ghost_buffer, width*size(self%recv_index))
+    call pick(width, size(self%send_index), self%send_index, self%n_local, values, &
+              self%owned_buffer)
+    call swap_reals(comm%handle, self%n_neighbour, self%neighbour, width, &
+                    self%send_start, self%owned_buffer, self%recv_start, self%ghost_buffer, &
+                    self%request)
+    call put(width, size(self%recv_index), self%recv_index, self%ghost_buffer, self%n_local, &
+             values)
+  end subroutine map_gather
+
+  subroutine map_scatter_add(self, comm, width, values)
+    !! Adds the ghosts' values to the owners', in rank order (the owner's own value first). The
+    !! ghosts keep their partial values.
+    class(index_map_t), intent(inout) :: self
+    type(communicator_t), intent(in) :: comm
+    integer, intent(in) :: width                    !! numbers of each entry
+    real(wp), intent(inout) :: values(width, self%n_local)   !! may be longer
+
+    if (self%n_neighbour == 0) return
+    call reserve(self%owned_buffer, width*size(self%send_index))
+    call reserve(self%ghost_buffer, width*size(self%recv_index))
+    call pick(width, size(self%recv_index), self%recv_index, self%n_local, values, &
+              self%ghost_buffer)
+    call swap_reals(comm%handle, self%n_neighbour, self%neighbour, width, &
+                    self%recv_start, self%ghost_buffer, self%send_start, self%owned_buffer, &
+                    self%request)
+    call add(width, size(self%send_index), self%send_index, self%owned_buffer, self%n_local, &
+             values)
+  end subroutine map_scatter_add
+
+  subroutine map_gather_longs(self, comm, width, values)
+    !! Copies the owners' 64-bit integers to the ghosts.
+    class(index_map_t), intent(inout) :: self
+    type(communicator_t), intent(in) :: comm
+    integer, intent(in) :: width                      !! numbers of each entry
+    integer(i8), intent(inout) :: values(width, self%n_local)   !! may be longer
+    integer :: k
+
+    if (self%n_neighbour == 0) return
+    call reserve_longs(self%owned_keys, width*size(self%send_index))
+    call reserve_longs(self%ghost_keys, width*size(self%recv_index))
+    do k = 1, size(self%send_index)
+      self%owned_keys((k - 1)*width + 1:k*width) = values(:, self%send_index(k))
+    end do
+    call swap_longs(comm%handle, self%n_neighbour, self%neighbour, width, &
+                    self%send_start, self%owned_keys, self%recv_start, self%ghost_keys, &
+                    self%request)
+    do k = 1, size(self%recv_index)
+      values(:, self%recv_index(k)) = self%ghost_keys((k - 1)*width + 1:k*width)
+    end do
+  end subroutine map_gather_longs
+
+  pure integer function map_n_shared(self) result(n)
+    !! Entries of this rank that are sent or received in one gather.
+    class(index_map_t), intent(in) :: self
+
+    n = 0
+    if (allocated(self%send_index)) n = size(self%send_index) + size(self%recv_index)
+  end function map_n_shared
+
+  subroutine swap_reals(comm, n_neighbour, neighbour, width, out_start, out, in_start, in, request)
+    !! Sends a piece of `out` to each neighbour and receives a piece of `in`; empty pieces are not
+    !! posted. Buffers are whole and contiguous, and dummies, so that no copy is made of them.
+    type(MPI_Comm), intent(in) :: comm
+    integer, intent(in) :: n_neighbour, width
+    integer, intent(in) :: neighbour(n_neighbour)
+    integer, intent(in) :: out_start(n_neighbour + 1), in_start(n_neighbour + 1)
+    real(wp), intent(inout), asynchronous :: out(width*(out_start(n_neighbour + 1) - 1))
+    real(wp), intent(inout), asynchronous :: in(width*(in_start(n_neighbour + 1) - 1))
+    type(MPI_Request), intent(inout) :: request(2*n_neighbour)
+    integer :: k, n, n_request
+
+    n_request = 0
+    do k = 1, n_neighbour
+      n = width*(in_start(k + 1) - in_start(k))
+      if (n == 0) cycle
+      n_request = n_request + 1
+      call MPI_Irecv(in(width*(in_start(k) - 1) + 1), n, MPI_REAL8, neighbour(k), message_tag, &
+                     comm, request(n_request))
+    end do
+    do k = 1, n_neighbour
+      n = width*(out_start(k + 1) - out_start(k))
+      if (n == 0) cycle
+      n_request = n_request + 1
+      call MPI_Isend(out(width*(out_start(k) - 1) + 1), n, MPI_REAL8, neighbour(k), message_tag, &
+                     comm, request(n_request))
+    end do
+    call MPI_Waitall(n_request, request, MPI_STATUSES_IGNORE)
+  end subroutine swap_reals
+
+  subroutine swap_longs(comm, n_neighbour, neighbour, width, out_start, out, in_start, in, request)
+    !! As `swap_reals`, for 64-bit integers.
+    type(MPI_Comm), intent(in) :: comm
+    integer, intent(in) :: n_neighbour, width
+    integer, intent(in) :: neighbour(n_neighbour)
+    integer, intent(in) :: out_start(n_neighbour + 1), in_start(n_neighbour + 1)
+    integer(i8), intent(inout), asynchronous :: out(width*(out_start(n_neighbour + 1) - 1))
+    integer(i8), intent(inout), asynchronous :: in(width*(in_start(n_neighbour + 1) - 1))
+    type(MPI_Request), intent(inout) :: request(2*n_neighbour)
+    integer :: k, n, n_request
+
+    n_request = 0
+    do k = 1, n_neighbour
+      n = width*(in_start(k + 1) - in_start(k))
+      if (n == 0) cycle
+      n_request = n_request + 1
+      call MPI_Irecv(in(width*(in_start(k) - 1) + 1), n, MPI_INTEGER8, neighbour(k), &
+                     message_tag, comm, request(n_request))
+    end do
+    do k = 1, n_neighbour
+      n = width*(out_start(k + 1) - out_start(k))
+      if (n == 0) cycle
+      n_request = n_request + 1
+      call MPI_Isend(out(width*(out_start(k) - 1) + 1), n, MPI_INTEGER8, neighbour(k), &
+                     message_tag, comm, request(n_request))
+    end do
+    call MPI_Waitall(n_request, request, MPI_STATUSES_IGNORE)
+  end subroutine swap_longs
+
+  ! ---------------------------------------------------------------- buffers
+
+  pure subroutine reserve(buffer, n)
     !! Grows a buffer when it is too small.
     real(wp), allocatable, intent(inout) :: buffer(:)
     integer, intent(in) :: n
@@ -237,81 +444,54 @@ contains
     allocate (buffer(n))
   end subroutine reserve
 
-  subroutine index_map_gather(self, comm, width, values)
-    !! Copies the owners' values to the ghosts.
-    class(index_map_t), intent(inout) :: self
-    type(communicator_t), intent(in) :: comm
-    integer, intent(in) :: width                    !! reals per entry
-    real(wp), intent(inout) :: values(width, *)
+  pure subroutine reserve_longs(buffer, n)
+    !! Grows a buffer when it is too small.
+    integer(i8), allocatable, intent(inout) :: buffer(:)
+    integer, intent(in) :: n
 
-    if (self%n_neighbour == 0) return
-    call reserve(self%send_buffer, width*size(self%send_index))
-    call reserve(self%recv_buffer, width*size(self%recv_index))
-    call pack_rows(width, size(self%send_index), self%send_index, values, self%send_buffer)
-    call comm%swap_neighbours(self%neighbour, width, self%send_buffer, self%send_start, &
-                              self%recv_buffer, self%recv_start)
-    call unpack_rows(width, size(self%recv_index), self%recv_index, self%recv_buffer, values)
-  end subroutine index_map_gather
+    if (allocated(buffer)) then
+      if (size(buffer) >= n) return
+      deallocate (buffer)
+    end if
+    allocate (buffer(n))
+  end subroutine reserve_longs
 
-  subroutine index_map_scatter_add(self, comm, width, values)
-    !! Adds the ghosts' values to the owners', in rank order. Ghosts keep their partial values.
-    class(index_map_t), intent(inout) :: self
-    type(communicator_t), intent(in) :: comm
-    integer, intent(in) :: width                    !! reals per entry
-    real(wp), intent(inout) :: values(width, *)
-
-    if (self%n_neighbour == 0) return
-    call reserve(self%recv_buffer, width*size(self%recv_index))
-    call reserve(self%send_buffer, width*size(self%send_index))
-    call pack_rows(width, size(self%recv_index), self%recv_index, values, self%recv_buffer)
-    call comm%swap_neighbours(self%neighbour, width, self%recv_buffer, self%recv_start, &
-                              self%send_buffer, self%send_start)
-    call add_rows(width, size(self%send_index), self%send_index, self%send_buffer, values)
-  end subroutine index_map_scatter_add
-
-  pure subroutine pack_rows(width, n, index, values, buffer)
-    !! Kernel: picks rows into a buffer.
-    integer, intent(in) :: width, n
+  pure subroutine pick(width, n, index, n_local, values, buffer)
+    !! Kernel: copies listed entries into a buffer.
+    integer, intent(in) :: width, n, n_local
     integer, intent(in) :: index(n)
-    real(wp), intent(in) :: values(width, *)
-    real(wp), intent(inout) :: buffer(width, *)
+    real(wp), intent(in) :: values(width, n_local)
+    real(wp), intent(inout) :: buffer(width, n)
     integer :: k
 
     do k = 1, n
       buffer(:, k) = values(:, index(k))
     end do
-  end subroutine pack_rows
+  end subroutine pick
 
-  pure subroutine unpack_rows(width, n, index, buffer, values)
-    !! Kernel: puts rows of a buffer in their places.
-    integer, intent(in) :: width, n
+  pure subroutine put(width, n, index, buffer, n_local, values)
+    !! Kernel: copies a buffer into listed entries.
+    integer, intent(in) :: width, n, n_local
     integer, intent(in) :: index(n)
-    real(wp), intent(in) :: buffer(width, *)
-    real(wp), intent(inout) :: values(width, *)
+    real(wp), intent(in) :: buffer(width, n)
+    real(wp), intent(inout) :: values(width, n_local)
     integer :: k
 
     do k = 1, n
       values(:, index(k)) = buffer(:, k)
     end do
-  end subroutine unpack_rows
+  end subroutine put
 
-  pure subroutine add_rows(width, n, index, buffer, values)
-    !! Kernel: adds rows of a buffer, neighbour by neighbour.
-    integer, intent(in) :: width, n
+  pure subroutine add(width, n, index, buffer, n_local, values)
+    !! Kernel: adds a buffer to listed entries, which may repeat.
+    integer, intent(in) :: width, n, n_local
     integer, intent(in) :: index(n)
-    real(wp), intent(in) :: buffer(width, *)
-    real(wp), intent(inout) :: values(width, *)
+    real(wp), intent(in) :: buffer(width, n)
+    real(wp), intent(inout) :: values(width, n_local)
     integer :: k
 
     do k = 1, n
       values(:, index(k)) = values(:, index(k)) + buffer(:, k)
     end do
-  end subroutine add_rows
-
-  pure integer function index_map_n_shared(self) result(n)
-    !! Entries that are exchanged in one gather, sent and received.
-    class(index_map_t), intent(in) :: self
-
-    n = size(self%send_index) + size(self%recv_index)
-  end function index_map_n_shared
+  end subroutine add
 end module dosui_index_map

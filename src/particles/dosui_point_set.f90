@@ -83,9 +83,9 @@ contains
     integer, intent(in) :: count
     integer, intent(in), optional :: ghost_count   !! default 0
     integer(i8), allocatable :: id(:)
-    integer :: k, kept
+    integer :: k, n, kept
 
-    kept = min(size(self%id), count)
+    kept = min(self%count, count)
     self%count = count
     self%ghost_count = 0
     if (present(ghost_count)) self%ghost_count = ghost_count
@@ -93,8 +93,9 @@ contains
       call resize_field(self%field(k), kept, &
                         count + merge(self%ghost_count, 0, self%field(k)%halo))
     end do
-    if (size(self%id) < count + self%ghost_count) then
-      allocate (id(count + self%ghost_count), source=0_i8)
+    n = count + self%ghost_count
+    if (size(self%id) < n) then
+      allocate (id(n + n/4), source=0_i8)
       id(1:kept) = self%id(1:kept)
       call move_alloc(id, self%id)
     end if
@@ -107,7 +108,7 @@ contains
     real(wp), allocatable :: values(:, :)
 
     if (size(field%values, 2) >= n) return
-    allocate (values(field%width, n), source=0.0_wp)
+    allocate (values(field%width, n + n/4), source=0.0_wp)
     values(:, 1:kept) = field%values(:, 1:kept)
     call move_alloc(values, field%values)
   end subroutine resize_field

@@ -132,7 +132,7 @@ class Terzaghi:
         return self.soil.consolidation_coefficient * time / self.length**2
 
     def time(self, time_factor: float) -> float:
-        """t = T H²/c_v [s]."""
+        """T = T H²/c_v [s]."""
         return time_factor * self.length**2 / self.soil.consolidation_coefficient
 
     def pressure(self, z: npt.ArrayLike, time: float) -> FloatArray:
@@ -140,8 +140,8 @@ class Terzaghi:
         depth = np.asarray(z, dtype=np.float64) / self.length
         factor = self.time_factor(time)
         if factor < _EARLIEST_TIME_FACTOR:
-            return np.where(depth > 0, self.initial_pressure, 0.0)
-        mu = self._wave_numbers(factor)
+            return self.initial_pressure * (depth > 0).astype(np.float64)
+        mu = _quarter_turns(_n_terms(factor))
         return self.initial_pressure * _series(
             depth, mu, 2 / mu * np.exp(-(mu**2) * factor), np.sin
         )
@@ -153,7 +153,7 @@ class Terzaghi:
         stiffness = self.soil.constrained_modulus / self.length
         if factor < _EARLIEST_TIME_FACTOR:
             return (self.load - self.initial_pressure) * (1 - depth) / stiffness
-        mu = self._wave_numbers(factor)
+        mu = _quarter_turns(_n_terms(factor))
         resisting = self.initial_pressure * _series(
             depth, mu, 2 / mu**2 * np.exp(-(mu**2) * factor), np.cos
         )
@@ -162,10 +162,6 @@ class Terzaghi:
     def settlement(self, time: float) -> float:
         """Displacement of the top [m]."""
         return float(self.displacement(0.0, time))
-
-    @staticmethod
-    def _wave_numbers(time_factor: float) -> FloatArray:
-        return math.pi * (np.arange(_n_terms(time_factor)) + 0.5)
 
 
 @dataclass(frozen=True)
@@ -217,7 +213,7 @@ class Mandel:
         return self.soil.consolidation_coefficient * time / self.half_width**2
 
     def time(self, time_factor: float) -> float:
-        """t = T a²/c_v [s]."""
+        """T = T a²/c_v [s]."""
         return time_factor * self.half_width**2 / self.soil.consolidation_coefficient
 
     def pressure(self, x: npt.ArrayLike, time: float) -> FloatArray:
@@ -229,7 +225,7 @@ class Mandel:
         position = np.asarray(x, dtype=np.float64) / self.half_width
         factor = self.time_factor(time)
         if factor < _EARLIEST_TIME_FACTOR:
-            return np.where(position < 1, self.initial_pressure, 0.0)
+            return self.initial_pressure * (position < 1).astype(np.float64)
         alpha, sine, cosine, decay = self._modes(factor)
         weight = sine * decay
         boundary = float(np.sum(weight * cosine))
@@ -242,12 +238,11 @@ class Mandel:
         nu, nu_u, factor = soil.poisson_ratio, soil.undrained_poisson_ratio, self.time_factor(time)
         scale = self.force / soil.shear_modulus
         if factor < _EARLIEST_TIME_FACTOR:
-            return scale * nu_u / (2 * a) * x
+            return np.asarray(scale * nu_u / (2 * a) * x)
         alpha, sine, cosine, decay = self._modes(factor)
         common = float(np.sum(sine * cosine * decay))
-        return scale * (
-            (nu / 2 - nu_u * common) * x / a + _series(x / a, alpha, cosine * decay, np.sin)
-        )
+        uniform = (nu / 2 - nu_u * common) * x / a
+        return np.asarray(scale * (uniform + _series(x / a, alpha, cosine * decay, np.sin)))
 
     def vertical_strain(self, time: float) -> float:
         """∂u_z/∂z, uniform, negative: shortening [-]."""
@@ -265,16 +260,12 @@ class Mandel:
 
     def roots(self, count: int) -> FloatArray:
         """The first positive roots of tan α = η α, η = (1-ν)/(ν_u-ν), one in each (iπ, iπ+π/2)."""
-        return self._quarter_turns(count) - self._root_gaps(count)
-
-    @staticmethod
-    def _quarter_turns(count: int) -> FloatArray:
-        return math.pi * (np.arange(count) + 0.5)
+        return _quarter_turns(count) - self._root_gaps(count)
 
     def _root_gaps(self, count: int) -> FloatArray:
         """δ_i = iπ + π/2 - α_i, bisected in (0, π/2): safe for every η > 1, no cancellation."""
         eta = (1 - self.soil.poisson_ratio) / self.soil.poisson_increase
-        quarter_turns = self._quarter_turns(count)
+        quarter_turns = _quarter_turns(count)
         low = np.zeros(count)
         high = np.full(count, math.pi / 2)
         high[0] -= 1.0e-6  # beyond lies the trivial root α = 0
@@ -283,13 +274,13 @@ class Mandel:
             is_above = (quarter_turns - middle) * np.sin(middle) > np.cos(middle) / eta
             high = np.where(is_above, middle, high)
             low = np.where(is_above, low, middle)
-        return 0.5 * (low + high)
+        return np.asarray(0.5 * (low + high))
 
     def _modes(self, factor: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """α_i, sin α_i, cos α_i and exp(-α_i² T)/(α_i - sin α_i cos α_i)."""
         count = _n_terms(factor)
         gap = self._root_gaps(count)
-        alpha = self._quarter_turns(count) - gap
+        alpha = _quarter_turns(count) - gap
         sign = np.where(np.arange(count) % 2 == 0, 1.0, -1.0)
         sine, cosine = sign * np.cos(gap), sign * np.sin(gap)
         return alpha, sine, cosine, np.exp(-(alpha**2) * factor) / (alpha - sine * cosine)
@@ -348,6 +339,11 @@ class BarVibration:
         """(v_0/ω) sin(…) sin(ωt) [m]."""
         omega = self.circular_frequency
         return self.amplitude / omega * math.sin(omega * time) * self.shape(s)
+
+
+def _quarter_turns(count: int) -> FloatArray:
+    """π(i + 1/2), i = 0, 1, …."""
+    return np.asarray(math.pi * (np.arange(count, dtype=np.float64) + 0.5))
 
 
 def _n_terms(time_factor: float) -> int:

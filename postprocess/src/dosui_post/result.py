@@ -36,6 +36,10 @@ class Scene:
         """Every group of a name, in the scene's order."""
         return [group for group in self.groups if group.name == name]
 
+    def with_key(self, key: str) -> Group:
+        """The first group that has a key; an empty one if there is none."""
+        return next((group for group in self.groups if key in group), Group("scene"))
+
     def one(self, name: str) -> Group:
         """The first group of a name; an empty one if there is none."""
         groups = self.all(name)
@@ -92,7 +96,7 @@ class Result:
         return sorted(self._root["PointData"])
 
     def has_field(self, name: str) -> bool:
-        """Is there a field of this name?"""
+        """Tells whether there is a field of this name."""
         return name in self._root["PointData"]
 
     def field(self, name: str, step: int) -> FloatArray:
@@ -104,7 +108,7 @@ class Result:
 
     def field_unit(self, name: str) -> str:
         """Unit of a field, '' for a pure number."""
-        return _text(self._field(name).attrs.get("unit", ""))
+        return _unit(self._field(name))
 
     def reference_points(self, step: int) -> FloatArray:
         """Positions before the deformation (n, 3) [m].
@@ -132,7 +136,7 @@ class Result:
         """Unit of a history, '' for a pure number."""
         self.history(name)
         assert self._history is not None
-        return _text(self._history[name].attrs.get("unit", ""))
+        return _unit(self._history[name])
 
     def step_near(self, time: float) -> int:
         """Step whose time is nearest to `time` [s]."""
@@ -196,7 +200,7 @@ class Result:
         last = self.n_steps - 1
         if last > 0 and self._count[0] == self._count[last]:
             return not np.array_equal(self.points(0), self.points(last))
-        return self.scene.one("scene").text("deformation", "small_strain") == "updated"
+        return self.scene.with_key("deformation").text("deformation", "") == "updated"
 
 
 def to_xyz(values: list[float]) -> FloatArray:
@@ -224,6 +228,11 @@ def _open(path: Path) -> Any:
             except OSError as second:
                 error = second
         raise DosuiPostError(f"{path} cannot be read as HDF5: {error}") from error
+
+
+def _unit(data: Any) -> str:
+    unit = _text(data.attrs.get("unit", ""))
+    return "" if unit == "-" else unit
 
 
 def _stored_text(group: Any, name: str) -> str:

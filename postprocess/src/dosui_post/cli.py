@@ -1,0 +1,260 @@
+"""The command `dosui-post`.
+
+Exit status: 0 all right, 1 a verification failed, 2 a wrong request or an unreadable file.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TypeAlias
+
+from dosui_post import __version__
+from dosui_post.errors import DosuiPostError
+from dosui_post.result import Result
+
+_PASSED, _FAILED, _WRONG = 0, 1, 2
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs one command; returns the exit status."""
+    options = _parser().parse_args(arguments)
+    try:
+        status: int = options.run(options)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        # The reader of a pipe has gone (`| head`): nothing more to say, even at shutdown.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return _FAILED
+    except (DosuiPostError, OSError) as error:
+        _complain(error)
+        return _WRONG
+    return status
+
+
+def _complain(error: Exception) -> None:
+    print(f"dosui-post: error: {error}", file=sys.stderr)
+
+
+# ---------------------------------------------------------------------- commands
+
+
+def _verify(options: argparse.Namespace) -> int:
+    from dosui_post.verify import verify
+
+    status = _PASSED
+    for path in options.results:
+        try:
+            with Result(path) as result:
+                verification = verify(result, options.tolerance, options.from_time_factor)
+                print(verification.table(), flush=True)
+            if not verification.has_passed:
+                status = max(status, _FAILED)
+        except (DosuiPostError, OSError) as error:
+            _complain(error)
+            status = _WRONG
+    return status
+
+
+def _plot_isochrones(options: argparse.Namespace) -> int:
+    from dosui_post.plot import isochrones
+
+    with Result(options.result) as result:
+        return _wrote(isochrones(result, _output(options, "isochrones.png"), options.times))
+
+
+def _plot_mandel(options: argparse.Namespace) -> int:
+    from dosui_post.plot import mandel
+
+    with ExitStack() as stack:
+        results = [stack.enter_context(Result(path)) for path in options.results]
+        return _wrote(mandel(results, _output(options, "centre_pressure.png")))
+
+
+def _plot_settlement(options: argparse.Namespace) -> int:
+    from dosui_post.plot import settlement
+
+    with ExitStack() as stack:
+        results = [stack.enter_context(Result(path)) for path in options.results]
+        return _wrote(settlement(results, _output(options, "settlement.png")))
+
+
+def _plot_map(options: argparse.Namespace) -> int:
+    from dosui_post.plot import field_map
+
+    with Result(options.result) as result:
+        step = options.step if options.time is None else result.step_near(options.time)
+        output = _output(options, f"{options.field}.png")
+        return _wrote(
+            field_map(result, output, options.field, options.component, step, options.slice)
+        )
+
+
+def _plot_probe(options: argparse.Namespace) -> int:
+    from dosui_post.plot import probes
+
+    with Result(options.result) as result:
+        return _wrote(probes(result, _output(options, "probes.png"), options.names))
+
+
+def _animate(options: argparse.Namespace) -> int:
+    from dosui_post.animate import animate_isochrones, animate_map
+
+    with Result(options.result) as result:
+        if options.isochrones:
+            output = _output(options, "isochrones.gif")
+            return _wrote(animate_isochrones(result, output, options.every, options.fps))
+        output = _output(options, f"{options.field}.gif")
+        return _wrote(
+            animate_map(
+                result, output, options.field, options.component, options.every, options.fps
+            )
+        )
+
+
+def _output(options: argparse.Namespace, ending: str) -> Path:
+    """What was asked for, else <result>_<ending> in the working directory."""
+    if options.output is not None:
+        return Path(options.output)
+    first = options.result if hasattr(options, "result") else options.results[0]
+    return Path(f"{first.stem}_{ending}")
+
+
+def _wrote(path: Path) -> int:
+    print(path)
+    return _PASSED
+
+
+# ---------------------------------------------------------------------- arguments
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="dosui-post", description="Reads, verifies and draws the results of dosui."
+    )
+    parser.add_argument("--version", action="version", version=f"dosui-post {__version__}")
+    commands = parser.add_subparsers(metavar="COMMAND", required=True)
+    _add_verify(commands)
+    plot = commands.add_parser("plot", help="draw a figure")
+    _add_plots(plot.add_subparsers(metavar="FIGURE", required=True))
+    _add_animate(commands)
+    return parser
+
+
+_Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
+
+
+def _add_verify(commands: _Commands) -> None:
+    verify = commands.add_parser(
+        "verify",
+        help="compare results with their exact solutions",
+        description="Prints the relative L2 error over the particles at every output time after"
+        " t = 0 against the exact solution that the scene names in &verification, and fails"
+        " (exit status 1) if one is above the tolerance, is not a number, or if there is no"
+        " output to compare.",
+    )
+    verify.add_argument("results", metavar="RESULT", nargs="+", type=Path)
+    verify.add_argument(
+        "--tolerance",
+        type=_positive,
+        metavar="X",
+        help="largest relative error accepted (default: terzaghi 5e-3, mandel 2e-3, drainage 1e-3,"
+        " bar 2e-2, hydrostatic 1e-9; 0.15 with the literal two-pass operator)",
+    )
+    verify.add_argument(
+        "--from-time-factor",
+        type=float,
+        default=0.0,
+        metavar="T",
+        help="leave out output before this time factor (default: 0)",
+    )
+    verify.set_defaults(run=_verify)
+
+
+def _add_plots(figures: _Commands) -> None:
+    isochrones = _figure(
+        figures, "isochrones", "excess pore pressure over depth at several T", _plot_isochrones
+    )
+    isochrones.add_argument(
+        "--times",
+        nargs="+",
+        type=_positive,
+        metavar="T",
+        help="time factors; the nearest outputs are drawn (default: up to 7 of all)",
+    )
+    _figure(
+        figures, "mandel", "pressure in the centre over time, several results", _plot_mandel, True
+    )
+    _figure(figures, "settlement", "settlement over time", _plot_settlement, True)
+    field_map = _figure(figures, "map", "a field on the particles", _plot_map)
+    _add_field(field_map)
+    when = field_map.add_mutually_exclusive_group()
+    when.add_argument(
+        "--step", type=int, default=-1, help="output step from 0, or from the end (default: last)"
+    )
+    when.add_argument("--time", type=float, metavar="S", help="output nearest to this time [s]")
+    field_map.add_argument(
+        "--slice", type=float, metavar="Y", help="3-D: y of the slice [m] (default: middle)"
+    )
+    probe = _figure(figures, "probe", "histories over time", _plot_probe)
+    probe.add_argument(
+        "names", metavar="NAME", nargs="*", help="histories (default: the scene's probes)"
+    )
+
+
+def _add_animate(commands: _Commands) -> None:
+    animate = commands.add_parser("animate", help="write an animated GIF")
+    animate.add_argument("result", metavar="RESULT", type=Path)
+    _add_field(animate)
+    animate.add_argument(
+        "--isochrones", action="store_true", help="the moving isochrone instead of a field"
+    )
+    animate.add_argument("--every", type=int, default=1, metavar="N", help="every N-th output")
+    animate.add_argument(
+        "--fps", type=float, default=8.0, help="frames a second (default: 8)", metavar="N"
+    )
+    _add_output(animate)
+    animate.set_defaults(run=_animate)
+
+
+def _figure(
+    figures: _Commands,
+    name: str,
+    text: str,
+    run: Callable[[argparse.Namespace], int],
+    takes_several: bool = False,
+) -> argparse.ArgumentParser:
+    figure: argparse.ArgumentParser = figures.add_parser(name, help=text, description=text)
+    if takes_several:
+        figure.add_argument("results", metavar="RESULT", nargs="+", type=Path)
+    else:
+        figure.add_argument("result", metavar="RESULT", type=Path)
+    _add_output(figure)
+    figure.set_defaults(run=run)
+    return figure
+
+
+def _add_output(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("-o", "--output", metavar="PATH", help="default: <result>_<what>.<ending>")
+
+
+def _add_field(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--field", default="pore_pressure", help="field of the result (default: pore_pressure)"
+    )
+    parser.add_argument(
+        "--component",
+        help="x, y, z or magnitude of vectors; xx, yy, zz, xy, yz, zx or mean of stress",
+    )
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not (value > 0 and math.isfinite(value)):
+        raise argparse.ArgumentTypeError(f"{text} is not a positive number")
+    return value

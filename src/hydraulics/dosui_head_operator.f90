@@ -1,0 +1,361 @@
+!! The operator div(k grad h) on particles: compact quadratic MLS with points on the true surface.
+!!
+!! Row i collects its neighbours' heads, the heads of surface points with a head condition, and one
+!! foot on every flux or no-flow patch that is near (the orthogonal projection of particle i),
+!! whose datum is the normal derivative. The conductivity k_ij between particles is the harmonic
+!! mean and multiplies the entries of the Laplacian. All entries act on differences h_j - h_i, so
+!! that a constant head gives exactly zero.
+module dosui_head_operator
+  use dosui_kinds, only: wp
+  use dosui_dimension, only: ndim
+  use dosui_mls, only: n_basis, wendland_weight, quadratic_basis, quadratic_basis_slope, factorise, &
+                       solve_factored
+  implicit none
+  private
+
+  integer, parameter, public :: kind_flux = 0    !! surface point with a flux; no-flow is flux 0
+  integer, parameter, public :: kind_head = 1    !! surface point with a head
+  real(wp), parameter :: foot_reach = 1.1_wp     !! a foot beyond the patch's points by this is none
+  integer, parameter :: max_rows = 512           !! neighbours and surface rows of one particle
+
+  type, public :: head_operator_t
+    integer :: n_row = 0
+    integer, allocatable :: row_start(:)             !! (n_row + 1) CSR over particles
+    integer, allocatable :: column(:)
+    real(wp), allocatable :: coefficient(:)          !! k_ij L_ij [1/(m s)]
+    integer, allocatable :: boundary_start(:)        !! (n_row + 1) CSR over surface points
+    integer, allocatable :: boundary_point(:)
+    logical, allocatable :: boundary_is_head(:)      !! acts on h_b - h_i, otherwise on the flux
+    real(wp), allocatable :: boundary_weight(:)      !! [1/(m s)] for heads, [1/m] for fluxes
+    integer :: n_linear = 0                          !! rows that fell back to a pairwise form
+    integer :: n_isolated = 0                        !! rows without any exchange
+  contains
+    procedure :: build => head_operator_build
+    procedure :: apply => head_operator_apply
+    procedure :: flux => head_operator_flux
+    procedure :: largest_row_sum => head_operator_largest_row_sum
+  end type head_operator_t
+
+  type :: stencil_t
+    !! The rows that determine one particle's fit.
+    integer :: n = 0
+    real(wp) :: r(ndim, max_rows)          !! offsets in spacings [-]
+    real(wp) :: weight(max_rows)           !! [-]
+    real(wp) :: basis(n_basis, max_rows)   !! monomials or their slopes [-]
+  end type stencil_t
+
+contains
+
+  subroutine head_operator_build(self, n_row, n_local, position, conductivity, row_start, neighbour, &
+                                 spacing, radius, n_point, point_position, point_normal, &
+                                 point_patch, point_kind, point_start, point_neighbour)
+    !! Computes all rows. Neighbour lists come with the radius R = radius x spacing.
+    class(head_operator_t), intent(inout) :: self
+    integer, intent(in) :: n_row, n_local                        !! owned; owned and ghosts
+    real(wp), intent(in) :: position(ndim, n_local)              !! [m]
+    real(wp), intent(in) :: conductivity(n_local)                !! k [m/s]
+    integer, intent(in) :: row_start(:), neighbour(:)            !! particles near each row
+    real(wp), intent(in) :: spacing                              !! dx [m]
+    real(wp), intent(in) :: radius                               !! R/dx [-]
+    integer, intent(in) :: n_point                               !! surface points, ghosts too
+    real(wp), intent(in) :: point_position(ndim, n_point)        !! [m]
+    real(wp), intent(in) :: point_normal(ndim, n_point)          !! outward [-]
+    integer, intent(in) :: point_patch(n_point)                  !! planar face of each point
+    integer, intent(in) :: point_kind(n_point)                   !! kind_head or kind_flux
+    integer, intent(in) :: point_start(:), point_neighbour(:)    !! surface points near each row
+    type(stencil_t) :: stencil
+    integer :: point(max_rows), i, n_entry, first, n_near, row_kind
+    real(wp) :: laplacian(max_rows), factor
+    integer :: k, j
+
+    self%n_row = n_row
+    self%row_start = row_start
+    self%column = neighbour
+    if (allocated(self%coefficient)) deallocate (self%coefficient, self%boundary_start)
+    allocate (self%coefficient(size(neighbour)), self%boundary_start(n_row + 1))
+    call reserve_boundary(self, size(point_neighbour))
+    self%n_linear = 0
+    self%n_isolated = 0
+    n_entry = 0
+    do i = 1, n_row
+      self%boundary_start(i) = n_entry + 1
+      first = row_start(i)
+      n_near = min(row_start(i + 1) - first, max_rows/2)
+      call particle_rows(position(:, i), n_near, neighbour(first:first + n_near - 1), position, &
+                         spacing, radius, stencil)
+      call surface_rows(position(:, i), point_neighbour(point_start(i):point_start(i + 1) - 1), &
+                        point_position, point_normal, point_patch, point_kind, spacing, radius, &
+                        stencil, point)
+      call laplacian_row(stencil, n_near, row_kind, laplacian)
+      if (row_kind == 1) self%n_linear = self%n_linear + 1
+      if (row_kind == 2) self%n_isolated = self%n_isolated + 1
+      do k = 1, n_near
+        j = neighbour(first + k - 1)
+        self%coefficient(first + k - 1) = harmonic_mean(conductivity(i), conductivity(j))* &
+                                          laplacian(k)/spacing**2
+      end do
+      self%coefficient(first + n_near:row_start(i + 1) - 1) = 0.0_wp
+      do k = n_near + 1, stencil%n
+        n_entry = n_entry + 1
+        j = point(k - n_near)
+        self%boundary_point(n_entry) = j
+        self%boundary_is_head(n_entry) = point_kind(j) == kind_head
+        ! a flux q sets dx dh/dn = -dx q/k, a head acts like a neighbour
+        factor = merge(conductivity(i)/spacing**2, -1.0_wp/spacing, point_kind(j) == kind_head)
+        self%boundary_weight(n_entry) = factor*laplacian(k)
+      end do
+    end do
+    self%boundary_start(n_row + 1) = n_entry + 1
+  end subroutine head_operator_build
+
+  subroutine reserve_boundary(self, n)
+    !! Room for surface entries: at most one per listed surface point.
+    type(head_operator_t), intent(inout) :: self
+    integer, intent(in) :: n
+
+    if (allocated(self%boundary_point)) &
+      deallocate (self%boundary_point, self%boundary_is_head, self%boundary_weight)
+    allocate (self%boundary_point(n), self%boundary_is_head(n), self%boundary_weight(n))
+  end subroutine reserve_boundary
+
+  pure real(wp) function harmonic_mean(a, b) result(mean)
+    !! Harmonic mean of two conductivities [m/s]; 0 when either is 0.
+    real(wp), intent(in) :: a, b
+
+    mean = 0.0_wp
+    if (a > 0.0_wp .and. b > 0.0_wp) mean = 2.0_wp*a*b/(a + b)
+  end function harmonic_mean
+
+  pure subroutine particle_rows(x, n, neighbour, position, spacing, radius, stencil)
+    !! Kernel: the rows of the neighbouring particles.
+    real(wp), intent(in) :: x(ndim)
+    integer, intent(in) :: n
+    integer, intent(in) :: neighbour(n)
+    real(wp), intent(in) :: position(:, :)
+    real(wp), intent(in) :: spacing, radius
+    type(stencil_t), intent(inout) :: stencil
+    integer :: k
+
+    do k = 1, n
+      stencil%r(:, k) = (position(:, neighbour(k)) - x)/spacing
+      stencil%weight(k) = wendland_weight(norm2(stencil%r(:, k))/radius)
+      stencil%basis(:, k) = quadratic_basis(stencil%r(:, k))
+    end do
+    stencil%n = n
+  end subroutine particle_rows
+
+  pure subroutine surface_rows(x, near, position, normal, patch, kind, spacing, radius, stencil, &
+                               point)
+    !! Kernel: the rows of head points, and of one foot per flux patch.
+    real(wp), intent(in) :: x(ndim)
+    integer, intent(in) :: near(:)                          !! surface points within the radius
+    real(wp), intent(in) :: position(:, :), normal(:, :)
+    integer, intent(in) :: patch(:), kind(:)
+    real(wp), intent(in) :: spacing, radius
+    type(stencil_t), intent(inout) :: stencil
+    integer, intent(inout) :: point(:)                      !! surface point of each added row
+    real(wp) :: r(ndim)
+    integer :: k, n_before
+
+    n_before = stencil%n
+    do k = 1, size(near)
+      if (stencil%n == max_rows) exit
+      if (kind(near(k)) == kind_head) then
+        r = (position(:, near(k)) - x)/spacing
+      else
+        if (.not. nearest_of_patch(k)) cycle
+        r = dot_product(position(:, near(k)) - x, normal(:, near(k)))/spacing*normal(:, near(k))
+        if (norm2((position(:, near(k)) - x)/spacing - r) > foot_reach) cycle
+      end if
+      stencil%n = stencil%n + 1
+      point(stencil%n - n_before) = near(k)
+      stencil%r(:, stencil%n) = r
+      stencil%weight(stencil%n) = wendland_weight(norm2(r)/radius)
+      if (kind(near(k)) == kind_head) then
+        stencil%basis(:, stencil%n) = quadratic_basis(r)
+      else
+        stencil%basis(:, stencil%n) = quadratic_basis_slope(r, normal(:, near(k)))
+      end if
+    end do
+
+  contains
+
+    pure logical function nearest_of_patch(candidate) result(nearest)
+      !! Is this the nearest point of its patch (the first one of equals)?
+      integer, intent(in) :: candidate
+      real(wp) :: distance
+      integer :: other
+
+      nearest = .true.
+      distance = sum((position(:, near(candidate)) - x)**2)
+      do other = 1, size(near)
+        if (patch(near(other)) /= patch(near(candidate)) .or. other == candidate) cycle
+        if (sum((position(:, near(other)) - x)**2) < distance*(1.0_wp - 1.0e-9_wp)) nearest = .false.
+        if (abs(sum((position(:, near(other)) - x)**2) - distance) <= 1.0e-9_wp*distance .and. &
+            other < candidate) nearest = .false.
+      end do
+    end function nearest_of_patch
+  end subroutine surface_rows
+
+  pure subroutine laplacian_row(stencil, n_near, row_kind, laplacian)
+    !! Kernel: entries of the Laplacian in units of 1/dx^2 for all rows of the stencil.
+    type(stencil_t), intent(in) :: stencil
+    integer, intent(in) :: n_near                  !! the first rows are particles
+    integer, intent(out) :: row_kind               !! 0 quadratic, 1 pairwise, 2 isolated
+    real(wp), intent(inout) :: laplacian(:)
+    real(wp) :: matrix(n_basis, n_basis), right(n_basis)
+    integer :: k
+    logical :: regular
+
+    call normal_matrix(stencil, matrix)
+    call factorise(n_basis, matrix, regular)
+    if (regular) then
+      row_kind = 0
+      right = 0.0_wp
+      right(ndim + 1:2*ndim) = 1.0_wp
+      call solve_factored(n_basis, matrix, right)
+      do k = 1, stencil%n
+        laplacian(k) = stencil%weight(k)*dot_product(stencil%basis(:, k), right)
+      end do
+    else
+      call pairwise_row(stencil, n_near, row_kind, laplacian)
+    end if
+  end subroutine laplacian_row
+
+  pure subroutine normal_matrix(stencil, matrix)
+    !! Kernel: lower triangle of sum w P P^T over all rows.
+    type(stencil_t), intent(in) :: stencil
+    real(wp), intent(out) :: matrix(n_basis, n_basis)
+    integer :: k, a
+
+    matrix = 0.0_wp
+    do k = 1, stencil%n
+      do a = 1, n_basis
+        matrix(a:, a) = matrix(a:, a) + stencil%weight(k)*stencil%basis(a, k)*stencil%basis(a:, k)
+      end do
+    end do
+  end subroutine normal_matrix
+
+  pure subroutine pairwise_row(stencil, n_near, row_kind, laplacian)
+    !! Kernel: too few or collinear rows. Exchange with positive weights that would be exact for
+    !! a symmetric neighbourhood, 2 d w_j / sum w r^2; nothing at all without neighbours. Flux
+    !! rows are left out, which is no-flow.
+    type(stencil_t), intent(in) :: stencil
+    integer, intent(in) :: n_near
+    integer, intent(out) :: row_kind
+    real(wp), intent(inout) :: laplacian(:)
+    real(wp) :: second_moment
+    integer :: k
+
+    second_moment = 0.0_wp
+    do k = 1, n_near
+      second_moment = second_moment + stencil%weight(k)*sum(stencil%r(:, k)**2)
+    end do
+    laplacian(1:stencil%n) = 0.0_wp
+    row_kind = 2
+    if (.not. second_moment > 1.0e-6_wp) return
+    row_kind = 1
+    do k = 1, n_near
+      laplacian(k) = 2.0_wp*stencil%weight(k)/second_moment
+    end do
+  end subroutine pairwise_row
+
+  pure subroutine head_operator_apply(self, head, datum, rate)
+    !! Kernel: div(k grad h) at every owned particle [1/s].
+    class(head_operator_t), intent(in) :: self
+    real(wp), intent(in), contiguous :: head(:)     !! of owned and ghost particles [m]
+    real(wp), intent(in), contiguous :: datum(:)    !! of surface points: head [m] or flux [m/s]
+    real(wp), intent(inout), contiguous :: rate(:)  !! (n_row)
+    real(wp) :: total, here
+    integer :: i, k
+
+    do i = 1, self%n_row
+      here = head(i)
+      total = 0.0_wp
+      do k = self%row_start(i), self%row_start(i + 1) - 1
+        total = total + self%coefficient(k)*(head(self%column(k)) - here)
+      end do
+      do k = self%boundary_start(i), self%boundary_start(i + 1) - 1
+        if (self%boundary_is_head(k)) then
+          total = total + self%boundary_weight(k)*(datum(self%boundary_point(k)) - here)
+        else
+          total = total + self%boundary_weight(k)*datum(self%boundary_point(k))
+        end if
+      end do
+      rate(i) = total
+    end do
+  end subroutine head_operator_apply
+
+  pure subroutine head_operator_flux(self, position, conductivity, spacing, radius, &
+                                     point_position, point_normal, head, datum, flux)
+    !! Kernel: Darcy flux w = -k grad h of owned particles, from the first derivatives of the same
+    !! fits; 0 where a row has no fit. For output, so the fits are made again instead of stored.
+    class(head_operator_t), intent(in) :: self
+    real(wp), intent(in) :: position(:, :), conductivity(:)   !! of particles [m], [m/s]
+    real(wp), intent(in) :: spacing, radius                   !! dx [m], R/dx [-]
+    real(wp), intent(in) :: point_position(:, :), point_normal(:, :)   !! of surface points
+    real(wp), intent(in) :: head(:), datum(:)                 !! as for `apply`
+    real(wp), intent(inout) :: flux(:, :)                     !! (ndim, n_row) [m/s]
+    type(stencil_t) :: stencil
+    real(wp) :: matrix(n_basis, n_basis), right(n_basis), r(ndim), value
+    integer :: i, k, first, n_near, b
+    logical :: regular
+
+    do i = 1, self%n_row
+      first = self%row_start(i)
+      n_near = min(self%row_start(i + 1) - first, max_rows/2)
+      call particle_rows(position(:, i), n_near, self%column(first:first + n_near - 1), position, &
+                         spacing, radius, stencil)
+      right = 0.0_wp
+      do k = 1, n_near
+        right = right + stencil%weight(k)*stencil%basis(:, k)* &
+                (head(self%column(first + k - 1)) - head(i))
+      end do
+      do k = self%boundary_start(i), self%boundary_start(i + 1) - 1
+        b = self%boundary_point(k)
+        stencil%n = stencil%n + 1
+        if (self%boundary_is_head(k)) then
+          r = (point_position(:, b) - position(:, i))/spacing
+          stencil%basis(:, stencil%n) = quadratic_basis(r)
+          value = datum(b) - head(i)
+        else
+          r = dot_product(point_position(:, b) - position(:, i), point_normal(:, b))/spacing* &
+              point_normal(:, b)
+          stencil%basis(:, stencil%n) = quadratic_basis_slope(r, point_normal(:, b))
+          value = 0.0_wp
+          if (conductivity(i) > 0.0_wp) value = -spacing*datum(b)/conductivity(i)
+        end if
+        stencil%weight(stencil%n) = wendland_weight(norm2(r)/radius)
+        right = right + stencil%weight(stencil%n)*stencil%basis(:, stencil%n)*value
+      end do
+      call normal_matrix(stencil, matrix)
+      call factorise(n_basis, matrix, regular)
+      flux(:, i) = 0.0_wp
+      if (.not. regular) cycle
+      call solve_factored(n_basis, matrix, right)
+      flux(:, i) = -conductivity(i)*right(1:ndim)/spacing
+    end do
+  end subroutine head_operator_flux
+
+  pure real(wp) function head_operator_largest_row_sum(self) result(largest)
+    !! Largest sum of |entries| of a row with its diagonal: a Gershgorin bound of the spectral
+    !! radius [1/(m s)].
+    class(head_operator_t), intent(in) :: self
+    real(wp) :: diagonal, off_diagonal
+    integer :: i, k
+
+    largest = 0.0_wp
+    do i = 1, self%n_row
+      diagonal = 0.0_wp
+      off_diagonal = 0.0_wp
+      do k = self%row_start(i), self%row_start(i + 1) - 1
+        diagonal = diagonal + self%coefficient(k)
+        off_diagonal = off_diagonal + abs(self%coefficient(k))
+      end do
+      do k = self%boundary_start(i), self%boundary_start(i + 1) - 1
+        if (self%boundary_is_head(k)) diagonal = diagonal + self%boundary_weight(k)
+      end do
+      largest = max(largest, abs(diagonal) + off_diagonal)
+    end do
+  end function head_operator_largest_row_sum
+end module dosui_head_operator

@@ -1,0 +1,267 @@
+!! The skeleton's part of an explicit step: particles to grid, nodal update, grid to particles.
+module dosui_skeleton_step
+  use dosui_kinds, only: wp
+  use dosui_dimension, only: ndim, voigt_slot
+  use dosui_cell_average, only: cell_sums, cell_trace_sums
+  use dosui_damping, only: damp_forces, damping_none
+  use dosui_error, only: error_t
+  use dosui_grid_to_particle, only: cell_divergence_centre, grid_to_particles
+  use dosui_model, only: model_t
+  use dosui_particle_to_grid, only: cell_pressure_forces, particles_to_grid
+  use dosui_stress_update, only: update_stress, update_volume
+  implicit none
+  private
+
+  public :: gather_forces, update_nodes, update_particles, zero_velocities, nodal_kinetic_energy
+
+contains
+
+  subroutine gather_forces(model)
+    !! Nodal mass, momentum and force of particles and surfaces, complete on every rank.
+    type(model_t), intent(inout) :: model
+    real(wp), allocatable :: mean(:), pressure(:)
+    real(wp), allocatable :: gravity(:)
+
+    call model%timers%start(model%phase%to_grid)
+    gravity = model%scene%gravity/model%scene%mechanics%density_scaling
+    if (model%averaged .or. model%centred) call mean_cell_stresses(model, mean, pressure)
+    associate (field => model%particles%field, h => model%p, n => model%particles%count)
+      if (model%averaged .and. h%affine > 0) then
+        call particles_to_grid(model%grid, n, model%patch, field(h%position)%values, &
+                               field(h%velocity)%values, field(h%mass)%values, &
+                               field(h%volume)%values, field(h%effective_stress)%values, gravity, &
+                               model%nodal, affine=field(h%affine)%values, cell=model%cell, &
+                               cell_mean_stress=mean)
+      else if (model%averaged) then
+        call particles_to_grid(model%grid, n, model%patch, field(h%position)%values, &
+                               field(h%velocity)%values, field(h%mass)%values, &
+                               field(h%volume)%values, field(h%effective_stress)%values, gravity, &
+                               model%nodal, cell=model%cell, cell_mean_stress=mean)
+      else
+        call spread_pointwise(model, gravity)
+      end if
+    end associate
+    if (model%centred) &
+      call cell_pressure_forces(model%grid%spacing, model%grid%n_cell, model%grid%cell_node, &
+                                model%average%cell_weight*pressure, model%grid%n_node, model%nodal)
+    call add_surface_forces(model)
+    call model%timers%stop(model%phase%to_grid)
+    call model%timers%start(model%phase%halo)
+    call model%grid%node_map%scatter_add(model%comm, 1 + 2*ndim, model%nodal)
+    call model%grid%node_map%gather(model%comm, 1 + 2*ndim, model%nodal)
+    call model%timers%stop(model%phase%halo)
+  end subroutine gather_forces
+
+  subroutine spread_pointwise(model, gravity)
+    !! Particles to grid without averages: every particle's own stress and pressure.
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: gravity(ndim)   !! [m/s2]
+    real(wp), allocatable :: affine(:, :), pressure(:)
+
+    ! absent optional arguments are unallocated actual arguments (Fortran 2008, 12.5.2.12)
+    associate (h => model%p, n => model%particles%count)
+      if (h%affine > 0) affine = model%particles%field(h%affine)%values(:, 1:n)
+      if (model%coupled .and. .not. model%centred) &
+        pressure = model%particles%field(h%pore_pressure)%values(1, 1:n)
+      call particles_to_grid(model%grid, n, model%patch, model%particles%field(h%position)%values, &
+                             model%particles%field(h%velocity)%values, &
+                             model%particles%field(h%mass)%values, &
+                             model%particles%field(h%volume)%values, &
+                             model%particles%field(h%effective_stress)%values, gravity, &
+                             model%nodal, affine=affine, pore_pressure=pressure)
+    end associate
+  end subroutine spread_pointwise
+
+  subroutine mean_cell_stresses(model, mean, pressure)
+    !! Cell means of the mean stress (with the pressure in it unless it acts at cell centres) and
+    !! of the pressure.
+    type(model_t), intent(inout) :: model
+    real(wp), allocatable, intent(out) :: mean(:)       !! tension positive [Pa]
+    real(wp), allocatable, intent(out) :: pressure(:)   !! compression positive [Pa]
+
+    allocate (mean(model%grid%n_cell), pressure(model%grid%n_cell))
+    associate (field => model%particles%field, h => model%p, n => model%particles%count)
+      if (model%coupled) then
+        call cell_sums(n, model%cell, field(h%volume)%values, field(h%pore_pressure)%values, &
+                       model%grid%n_cell, pressure)
+        call model%average%cell_means(model%comm, model%grid, 1, pressure)
+      end if
+      if (.not. model%averaged) return
+      call cell_trace_sums(n, model%cell, field(h%volume)%values, &
+                           field(h%effective_stress)%values, model%grid%n_cell, mean)
+      call model%average%cell_means(model%comm, model%grid, 1, mean)
+      mean = mean/real(ndim, wp)
+      if (model%coupled .and. .not. model%centred) mean = mean - pressure
+    end associate
+  end subroutine mean_cell_stresses
+
+  subroutine add_surface_forces(model)
+    !! Tractions and penalty walls.
+    type(model_t), intent(inout) :: model
+
+    associate (field => model%surface%field, h => model%s, n => model%surface%count)
+      call model%surface_forces%apply(model%comm, model%scene%mechanical_condition, &
+                                      model%clock%time, field(h%area)%values(1, 1:n), &
+                                      field(h%normal)%values(:, 1:n), &
+                                      field(h%displacement)%values(:, 1:n), &
+                                      model%surface_velocity, model%nodal(2 + ndim:, :))
+    end associate
+  end subroutine add_surface_forces
+
+  subroutine update_nodes(model)
+    !! Nodal velocities after the step, with damping and conditions on nodes.
+    type(model_t), intent(inout) :: model
+
+    call model%timers%start(model%phase%nodes)
+    if (model%damping_kind /= damping_none) &
+      call damp_forces(model%damping_kind, model%damping, model%grid%n_node, model%nodal)
+    call advance_velocities(model%grid%n_node, model%clock%dt, &
+                            1.0e-12_wp*model%density*model%grid%spacing**ndim, model%nodal, &
+                            model%velocity_old, model%velocity)
+    call model%nodal_conditions%apply(model%comm, model%scene%mechanical_condition, model%grid, &
+                                      model%clock%time + model%clock%dt, model%clock%dt, &
+                                      model%nodal(1, :), model%velocity_old, model%velocity)
+    call model%timers%stop(model%phase%nodes)
+  end subroutine update_nodes
+
+  pure subroutine advance_velocities(n, dt, least_mass, nodal, velocity_old, velocity)
+    !! Kernel: v = p/m, v + dt f/m; massless nodes rest.
+    integer, intent(in) :: n
+    real(wp), intent(in) :: dt            !! [s]
+    real(wp), intent(in) :: least_mass    !! [kg]
+    real(wp), intent(in) :: nodal(1 + 2*ndim, n)
+    real(wp), intent(out) :: velocity_old(ndim, n), velocity(ndim, n)   !! [m/s]
+    real(wp) :: inverse
+    integer :: i
+
+    do i = 1, n
+      inverse = 0.0_wp
+      if (nodal(1, i) > least_mass) inverse = 1.0_wp/nodal(1, i)
+      velocity_old(:, i) = nodal(2:1 + ndim, i)*inverse
+      velocity(:, i) = velocity_old(:, i) + dt*nodal(2 + ndim:, i)*inverse
+    end do
+  end subroutine advance_velocities
+
+  subroutine update_particles(model, err)
+    !! Velocities, displacements, strains, stresses and volumes of particles; surface points.
+    type(model_t), intent(inout) :: model
+    type(error_t), intent(inout) :: err
+    real(wp), allocatable :: cell_strain(:)
+    integer :: n_inverted
+
+    call model%timers%start(model%phase%to_particles)
+    call move_particles(model)
+    call model%timers%stop(model%phase%to_particles)
+    call model%timers%start(model%phase%stress)
+    associate (field => model%particles%field, h => model%p, n => model%particles%count)
+      if (model%averaged) then
+        allocate (cell_strain(model%grid%n_cell))
+        call cell_trace_sums(n, model%cell, field(h%volume)%values, model%strain_increment, &
+                             model%grid%n_cell, cell_strain)
+        call model%average%cell_means(model%comm, model%grid, 1, cell_strain)
+      end if
+      call find_volume_strain(model, cell_strain)
+      call update_stress(model%materials, n, model%material, model%strain_increment, &
+                         field(h%effective_stress)%values, model%state, err, cell=model%cell, &
+                         cell_volume_strain=cell_strain, spin=model%spin)
+      if (model%updated) then
+        call update_volume(n, model%strain_increment, field(h%volume)%values, &
+                           field(h%porosity)%values, n_inverted, cell=model%cell, &
+                           cell_volume_strain=cell_strain)
+        if (n_inverted > 0) call err%set('a particle lost all its volume (J <= 0)')
+      end if
+    end associate
+    call model%timers%stop(model%phase%stress)
+    call move_surface(model)
+  end subroutine update_particles
+
+  subroutine move_particles(model)
+    !! Grid to particles, with or without an affine field.
+    type(model_t), intent(inout) :: model
+    real(wp) :: flip
+
+    flip = 0.0_wp
+    if (model%scene%mechanics%transfer == 'flip') flip = 1.0_wp
+    if (model%scene%mechanics%transfer == 'blend') flip = model%scene%mechanics%flip_fraction
+    associate (field => model%particles%field, h => model%p, n => model%particles%count)
+      if (h%affine > 0) then
+        call grid_to_particles(model%grid, n, model%patch, model%clock%dt, flip, &
+                               model%velocity_old, model%velocity, model%updated, &
+                               field(h%position)%values, field(h%velocity)%values, &
+                               field(h%displacement)%values, model%strain_increment, &
+                               affine=field(h%affine)%values, spin=model%spin)
+      else
+        call grid_to_particles(model%grid, n, model%patch, model%clock%dt, flip, &
+                               model%velocity_old, model%velocity, model%updated, &
+                               field(h%position)%values, field(h%velocity)%values, &
+                               field(h%displacement)%values, model%strain_increment, &
+                               spin=model%spin)
+      end if
+    end associate
+  end subroutine move_particles
+
+  subroutine find_volume_strain(model, cell_strain)
+    !! Volume change of the step as the water sees it: at cell centres, as the cell's mean, or the
+    !! particle's own.
+    type(model_t), intent(inout) :: model
+    real(wp), allocatable, intent(in) :: cell_strain(:)
+    real(wp), allocatable :: divergence(:)
+    integer :: p, d
+
+    if (.not. model%coupled) return
+    if (model%centred) then
+      allocate (divergence(model%grid%n_cell))
+      call cell_divergence_centre(model%grid%spacing, model%grid%n_cell, model%grid%cell_node, &
+                                  model%grid%n_node, model%velocity, divergence)
+      do p = 1, model%particles%count
+        model%volume_strain(p) = model%clock%dt*divergence(model%cell(p))
+      end do
+    else if (model%averaged) then
+      do p = 1, model%particles%count
+        model%volume_strain(p) = cell_strain(model%cell(p))
+      end do
+    else
+      do p = 1, model%particles%count
+        model%volume_strain(p) = 0.0_wp
+        do d = 1, ndim
+          model%volume_strain(p) = model%volume_strain(p) + &
+                                   model%strain_increment(voigt_slot(d, d), p)
+        end do
+      end do
+    end if
+  end subroutine find_volume_strain
+
+  subroutine move_surface(model)
+    !! Surface points follow the grid.
+    type(model_t), intent(inout) :: model
+
+    call model%surface_forces%point_velocity(model%velocity, model%surface_velocity)
+    associate (field => model%surface%field, h => model%s, n => model%surface%count)
+      field(h%displacement)%values(:, 1:n) = field(h%displacement)%values(:, 1:n) + &
+                                             model%clock%dt*model%surface_velocity
+      if (model%updated) field(h%position)%values(:, 1:n) = field(h%position)%values(:, 1:n) + &
+        model%clock%dt*model%surface_velocity
+    end associate
+  end subroutine move_surface
+
+  subroutine zero_velocities(model)
+    !! Stops all motion (kinetic damping).
+    type(model_t), intent(inout) :: model
+
+    model%particles%field(model%p%velocity)%values = 0.0_wp
+    if (model%p%affine > 0) model%particles%field(model%p%affine)%values = 0.0_wp
+    model%surface_velocity = 0.0_wp
+  end subroutine zero_velocities
+
+  real(wp) function nodal_kinetic_energy(model) result(energy)
+    !! Kinetic energy of the nodes this rank owns, after the step [J].
+    type(model_t), intent(in) :: model
+    integer :: i
+
+    energy = 0.0_wp
+    do i = 1, model%grid%n_node
+      if (model%grid%node_map%is_owned(i)) energy = energy + &
+        0.5_wp*model%nodal(1, i)*sum(model%velocity(:, i)**2)
+    end do
+  end function nodal_kinetic_energy
+end module dosui_skeleton_step

@@ -1,0 +1,415 @@
+!! Who owns which particle, and everything that depends on where particles are: grid, conditions,
+!! ghosts and the water's stencils. Small-strain scenes build it once.
+module dosui_topology
+  use dosui_kinds, only: wp, i8
+  use dosui_dimension, only: ndim, nsig, nshear
+  use dosui_cell_average, only: cell_sums
+  use dosui_error, only: error_t
+  use dosui_ghosts, only: find_ghosts
+  use dosui_head_operator, only: kind_head
+  use dosui_keys, only: pack_key
+  use dosui_model, only: model_t
+  use dosui_neighbours, only: build_neighbours
+  use dosui_nodal_conditions, only: point_on_grid_plane
+  use dosui_particle_to_grid, only: particles_to_grid
+  use dosui_partition, only: partition_bricks
+  use dosui_point_set, only: cell_order, point_set_t
+  use dosui_shape_functions, only: shape_kind_of
+  use dosui_sort, only: binary_search
+  use dosui_water_step, only: surface_elevation
+  implicit none
+  private
+
+  public :: distribute, build_geometry, needs_rebuild
+
+  real(wp), parameter :: inward = 1.0e-3_wp          !! surface points lie in the cell inside [h]
+  real(wp), parameter :: imbalance_limit = 1.2_wp    !! repartition above this
+  integer(i8), parameter :: bricks_per_rank = 64_i8  !! aimed at
+
+contains
+
+  subroutine distribute(model, err)
+    !! Gives every particle and surface point to the owner of its brick of cells, and sorts them by
+    !! cell. Collective.
+    type(model_t), intent(inout) :: model
+    type(error_t), intent(inout) :: err
+    integer, allocatable :: order(:)
+    real(wp), allocatable :: inside(:, :)
+
+    if (.not. allocated(model%brick_key) .or. is_unbalanced(model)) call partition(model, err)
+    if (err%failed()) return
+    call send_home(model, model%particles, model%particles%field(model%p%position)%values)
+    call inward_positions(model, inside)
+    call send_home(model, model%surface, inside)
+    associate (set => model%particles)
+      call cell_order(set%count, set%field(model%p%position)%values, set%id, &
+                      model%scene%grid_origin, model%scene%grid_spacing, order)
+      call set%reorder(order)
+      if (model%updated) set%field(model%p%position_at_build)%values(:, 1:set%count) = &
+        set%field(model%p%position)%values(:, 1:set%count)
+    end associate
+    associate (set => model%surface)
+      call cell_order(set%count, set%field(model%s%position)%values, set%id, &
+                      model%scene%grid_origin, model%scene%grid_spacing, order)
+      call set%reorder(order)
+      if (model%updated) set%field(model%s%position_at_build)%values(:, 1:set%count) = &
+        set%field(model%s%position)%values(:, 1:set%count)
+    end associate
+  end subroutine distribute
+
+  logical function is_unbalanced(model) result(unbalanced)
+    !! Does a rank hold many more particles than the mean? Collective.
+    type(model_t), intent(in) :: model
+    real(wp) :: mean
+
+    mean = real(model%comm%sum(int(model%particles%count, i8)), wp)/real(model%comm%size, wp)
+    unbalanced = real(model%comm%maximum(model%particles%count), wp) > &
+                 max(imbalance_limit, 1.1_wp*model%partition%imbalance)*mean
+  end function is_unbalanced
+
+  subroutine partition(model, err)
+    !! Divides the occupied bricks among the ranks.
+    type(model_t), intent(inout) :: model
+    type(error_t), intent(inout) :: err
+    integer(i8), allocatable :: key(:)
+    real(wp), allocatable :: weight(:)
+    integer(i8) :: total
+    real(wp) :: per_brick, per_cell
+
+    total = model%comm%sum(int(model%particles%count, i8))
+    per_cell = max(1.0_wp, (model%scene%grid_spacing/model%spacing)**ndim)
+    per_brick = real(total, wp)/real(bricks_per_rank*model%comm%size, wp)
+    ! whole blocks of 2 cells, so that no block is shared, unless there are too few of them
+    model%brick_edge = max(1, int((per_brick/per_cell)**(1.0_wp/ndim)))
+    if (model%brick_edge > 1) model%brick_edge = model%brick_edge - mod(model%brick_edge, 2)
+    key = brick_keys(model, model%particles%count, &
+                     model%particles%field(model%p%position)%values)
+    allocate (weight(size(key)), source=1.0_wp)
+    call partition_bricks(model%comm, key, weight, model%brick_key, model%brick_rank, &
+                          model%partition, err)
+  end subroutine partition
+
+  function brick_keys(model, n, position) result(key)
+    !! Brick of each position.
+    type(model_t), intent(in) :: model
+    integer, intent(in) :: n
+    real(wp), intent(in) :: position(ndim, *)
+    integer(i8), allocatable :: key(:)
+    integer :: p
+
+    allocate (key(n))
+    do p = 1, n
+      key(p) = pack_key(floor((position(:, p) - model%scene%grid_origin)/ &
+                              (model%scene%grid_spacing*model%brick_edge)))
+    end do
+  end function brick_keys
+
+  subroutine send_home(model, set, position)
+    !! Points go to the owner of their brick; those in bricks without owner stay.
+    type(model_t), intent(inout) :: model
+    type(point_set_t), intent(inout) :: set
+    real(wp), intent(in) :: position(ndim, *)
+    integer, allocatable :: destination(:)
+    integer(i8), allocatable :: key(:)
+    integer :: p, place
+
+    key = brick_keys(model, set%count, position)
+    allocate (destination(set%count))
+    do p = 1, set%count
+      place = binary_search(model%brick_key, key(p))
+      destination(p) = model%comm%rank
+      if (place > 0) destination(p) = model%brick_rank(place)
+    end do
+    call set%migrate(model%comm, destination)
+  end subroutine send_home
+
+  subroutine inward_positions(model, inside)
+    !! Positions a little inside the surface, to tell a surface point's cell.
+    type(model_t), intent(in) :: model
+    real(wp), allocatable, intent(out) :: inside(:, :)
+    integer :: p, handle
+
+    handle = model%s%position
+    if (model%updated) handle = model%s%position_at_build
+    allocate (inside(ndim, model%surface%count))
+    do p = 1, model%surface%count
+      inside(:, p) = model%surface%field(handle)%values(:, p) - &
+                     inward*model%scene%grid_spacing*model%surface%field(model%s%normal)%values(:, p)
+    end do
+  end subroutine inward_positions
+
+  subroutine build_geometry(model, err)
+    !! Builds grid, conditions and stencils from the positions at the last `distribute`: a restart
+    !! calls it with the stored ones and gets the same. Collective.
+    type(model_t), intent(inout) :: model
+    type(error_t), intent(inout) :: err
+    real(wp), allocatable :: inside(:, :)
+    real(wp) :: margin
+    integer :: n, n_lost, handle
+
+    call model%timers%start(model%phase%rebuild)
+    n = model%particles%count
+    handle = model%p%position
+    margin = 0.0_wp
+    if (model%updated) then
+      handle = model%p%position_at_build
+      margin = 2.0_wp*model%scene%water%rebuild_displacement*model%spacing
+    end if
+    call inward_positions(model, inside)
+    call model%grid%build(model%comm, model%scene%grid_spacing, model%scene%grid_origin, &
+                          shape_kind_of(trim(model%scene%shape_function)), n, &
+                          model%particles%field(handle)%values(:, 1:n), margin, &
+                          model%surface%count, inside)
+    model%grid%half_domain = min(0.5_wp, 0.5_wp*model%spacing/model%scene%grid_spacing)
+    call allocate_arrays(model)
+    call model%grid%locate(n, model%particles%field(model%p%position)%values(:, 1:n), model%patch, &
+                           model%cell, n_lost)
+    if (n_lost > 0) call err%set('particles lie outside the background grid')
+    call locate_surface(model, inside)
+    call model%average%set_weights(model%comm, model%grid, n, model%cell, &
+                                   model%particles%field(model%p%volume)%values(1, 1:n))
+    call build_conditions(model)
+    if (model%coupled) call build_water(model, handle)
+    model%rebuilds = model%rebuilds + 1
+    model%movement = 0.0_wp
+    call model%timers%stop(model%phase%rebuild)
+  end subroutine build_geometry
+
+  subroutine allocate_arrays(model)
+    !! Arrays that follow the numbers of particles and nodes.
+    type(model_t), intent(inout) :: model
+    integer :: n
+
+    n = model%particles%count
+    if (allocated(model%patch)) &
+      deallocate (model%patch, model%cell, model%surface_cell, model%nodal, model%velocity_old, &
+                  model%velocity, model%surface_velocity, model%strain_increment, model%material, &
+                  model%state)
+    if (allocated(model%spin)) deallocate (model%spin)
+    if (allocated(model%volume_strain)) deallocate (model%volume_strain)
+    allocate (model%patch(n), model%cell(n), model%surface_cell(model%surface%count), source=0)
+    allocate (model%nodal(1 + 2*ndim, model%grid%n_node), source=0.0_wp)
+    allocate (model%velocity_old(ndim, model%grid%n_node), source=0.0_wp)
+    allocate (model%velocity(ndim, model%grid%n_node), source=0.0_wp)
+    allocate (model%surface_velocity(ndim, model%surface%count), source=0.0_wp)
+    allocate (model%strain_increment(nsig, n), source=0.0_wp)
+    allocate (model%state(model%materials%n_state(), n), source=0.0_wp)
+    if (model%coupled) allocate (model%volume_strain(n), source=0.0_wp)
+    if (model%updated) allocate (model%spin(nshear, n), source=0.0_wp)
+    model%material = nint(model%particles%field(model%p%material)%values(1, 1:n))
+  end subroutine allocate_arrays
+
+  subroutine locate_surface(model, inside)
+    !! Cells of the surface points.
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: inside(:, :)
+    integer, allocatable :: patch(:)
+    integer :: n_lost
+
+    allocate (patch(model%surface%count), source=0)
+    call model%grid%locate(model%surface%count, inside, patch, model%surface_cell, n_lost)
+  end subroutine locate_surface
+
+  subroutine build_conditions(model)
+    !! Conditions on nodes, tractions and walls.
+    type(model_t), intent(inout) :: model
+    real(wp), allocatable :: nodal(:, :)
+    integer :: n, m
+
+    n = model%particles%count
+    m = model%surface%count
+    call choose_imposition(model)
+    associate (field => model%surface%field, h => model%s)
+      call model%nodal_conditions%init(model%comm, model%scene%mechanical_condition, model%grid, m, &
+                                       model%surface_cell, field(h%position)%values(:, 1:m), &
+                                       field(h%normal)%values(:, 1:m), model%on_nodes)
+      allocate (nodal(1 + 2*ndim, model%grid%n_node))
+      call particles_to_grid(model%grid, n, model%patch, &
+                             model%particles%field(model%p%position)%values, &
+                             model%particles%field(model%p%velocity)%values, &
+                             model%particles%field(model%p%mass)%values, &
+                             model%particles%field(model%p%volume)%values, &
+                             model%particles%field(model%p%effective_stress)%values, &
+                             model%scene%gravity, nodal)
+      call model%grid%node_map%scatter_add(model%comm, 1 + 2*ndim, nodal)
+      call model%grid%node_map%gather(model%comm, 1 + 2*ndim, nodal)
+      call model%surface_forces%init(model%comm, model%grid, m, model%surface_cell, &
+                                     field(h%position)%values(:, 1:m), &
+                                     field(h%area)%values(1, 1:m), nodal(1, :), model%density, &
+                                     model%stiffest, model%scene%mechanics%penalty, model%by_force)
+    end associate
+  end subroutine build_conditions
+
+  subroutine choose_imposition(model)
+    !! Conditions of motion go to nodes where the surface lies on a plane of nodes (not with
+    !! B-splines, whose nodal values are not those of the field), to penalty walls elsewhere.
+    type(model_t), intent(inout) :: model
+    integer :: p, c, m
+    logical :: fitted
+
+    m = model%surface%count
+    if (allocated(model%on_nodes)) deallocate (model%on_nodes, model%by_force)
+    allocate (model%on_nodes(size(model%scene%mechanical_condition), m), source=.false.)
+    allocate (model%by_force(size(model%scene%mechanical_condition), m), source=.false.)
+    do p = 1, m
+      fitted = point_on_grid_plane(model%surface%field(model%s%position)%values(:, p), &
+                                   model%surface%field(model%s%normal)%values(:, p), &
+                                   model%scene%grid_origin, model%scene%grid_spacing) .and. &
+               model%scene%shape_function /= 'bspline'
+      do c = 1, size(model%scene%mechanical_condition)
+        associate (condition => model%scene%mechanical_condition(c))
+          if (model%scene%surface(nint(max(1.0_wp, &
+              model%surface%field(model%s%surface)%values(1, p))))%name /= condition%surface) cycle
+          if (nint(model%surface%field(model%s%surface)%values(1, p)) == 0) cycle
+          if (condition%kind == 'traction' .or. condition%kind == 'pressure') then
+            model%by_force(c, p) = .true.
+          else
+            model%on_nodes(c, p) = condition%imposition == 'nodes' .or. &
+                                   (condition%imposition == 'auto' .and. fitted)
+            model%by_force(c, p) = .not. model%on_nodes(c, p)
+          end if
+        end associate
+      end do
+    end do
+  end subroutine choose_imposition
+
+  subroutine build_water(model, handle)
+    !! Ghosts, neighbourhoods, stencils and storage of the water.
+    type(model_t), intent(inout) :: model
+    integer, intent(in) :: handle   !! positions that the geometry is built from
+    integer, allocatable :: row_start(:), neighbour(:), point_start(:), point_neighbour(:)
+    integer, allocatable :: patch(:), surface(:)
+    real(wp), allocatable :: elevation(:)
+    real(wp) :: radius
+    integer :: n, n_local, m, m_local, surface_handle
+
+    n = model%particles%count
+    m = model%surface%count
+    surface_handle = model%s%position
+    if (model%updated) surface_handle = model%s%position_at_build
+    radius = model%scene%water%support_radius*model%spacing
+    call find_ghosts(model%comm, model%surface, surface_handle, n, &
+                     model%particles%field(handle)%values(:, 1:n), radius, model%surface_map)
+    call find_ghosts(model%comm, model%particles, handle, n, &
+                     model%particles%field(handle)%values(:, 1:n), radius, model%particle_map)
+    n_local = n + model%particles%ghost_count
+    m_local = m + model%surface%ghost_count
+    call set_all_elevations(model, n_local)
+    associate (x => model%particles%field(handle)%values, &
+               xs => model%surface%field(surface_handle)%values, field => model%surface%field)
+      call build_neighbours(n, x(:, 1:n), n_local, x(:, 1:n_local), radius, row_start, neighbour, &
+                            skip_self=.true.)
+      call build_neighbours(n, x(:, 1:n), m_local, xs(:, 1:m_local), radius, point_start, &
+                            point_neighbour, skip_self=.false.)
+      surface = nint(field(model%s%surface)%values(1, 1:m_local))
+      patch = nint(field(model%s%patch)%values(1, 1:m_local))
+      call model%hydraulic_conditions%init(model%scene%hydraulic_condition, &
+                                           model%condition_surface, m_local, surface)
+      call surface_elevation(model, elevation)
+      call model%hydraulic_conditions%set_time(model%scene%hydraulic_condition, model%clock%time, &
+                                               model%scene%water%unit_weight, elevation)
+      if (model%scene%water%operator == 'two_pass') then
+        call model%two_pass%build(n, x(:, 1:n_local), &
+                                  model%particles%field(model%p%conductivity)%values(1, 1:n_local), &
+                                  row_start, neighbour, model%spacing, &
+                                  model%scene%water%support_radius, xs(:, 1:m_local), &
+                                  field(model%s%normal)%values(:, 1:m_local), patch, &
+                                  model%hydraulic_conditions%kind == kind_head, point_start, &
+                                  point_neighbour)
+      end if
+      call model%head_operator%build(n, n_local, x(:, 1:n_local), &
+                                     model%particles%field(model%p%conductivity)%values(1, &
+                                                                                        1:n_local), &
+                                     row_start, neighbour, model%spacing, &
+                                     model%scene%water%support_radius, m_local, xs(:, 1:m_local), &
+                                     field(model%s%normal)%values(:, 1:m_local), patch, &
+                                     model%hydraulic_conditions%kind, point_start, point_neighbour)
+    end associate
+    call build_storage(model)
+  end subroutine build_water
+
+  subroutine set_all_elevations(model, n_local)
+    !! Elevations of owned particles (ghosts get whole heads from their owners).
+    type(model_t), intent(inout) :: model
+    integer, intent(in) :: n_local
+    integer :: p
+
+    if (allocated(model%head)) deallocate (model%head, model%elevation)
+    allocate (model%head(n_local), model%elevation(n_local), source=0.0_wp)
+    do p = 1, model%particles%count
+      model%elevation(p) = -model%scene%water%density* &
+                           dot_product(model%scene%gravity, &
+                                       model%particles%field(model%p%position)%values(:, p))/ &
+                           model%scene%water%unit_weight
+    end do
+  end subroutine set_all_elevations
+
+  subroutine build_storage(model)
+    !! Storage coefficients of particles, cells and blocks, and the water's explicit limit.
+    type(model_t), intent(inout) :: model
+    real(wp), allocatable :: compressibility(:), softness(:), cells(:, :), blocks(:, :), sums(:)
+    real(wp) :: tau_cell, tau_block
+    integer :: n, p
+
+    n = model%particles%count
+    allocate (compressibility(n), softness(n))
+    do p = 1, n
+      compressibility(p) = model%particles%field(model%p%porosity)%values(1, p)/ &
+                           model%scene%water%bulk_modulus
+      softness(p) = 0.0_wp
+      if (.not. model%rigid) &
+        softness(p) = 1.0_wp/model%materials%item(model%material(p))%model%constrained_modulus()
+    end do
+    allocate (cells(1, model%grid%n_cell), blocks(1, model%grid%n_block))
+    tau_cell = merge(0.0_wp, model%scene%water%cell_storage, model%rigid)
+    tau_block = merge(0.0_wp, model%scene%water%block_storage, model%rigid)
+    allocate (sums(model%grid%n_cell))
+    call means(compressibility, cells, blocks)
+    associate (cell_a => cells(1, :), block_a => blocks(1, :))
+      block
+        real(wp), allocatable :: cell_s(:, :), block_s(:, :)
+        cell_s = cells
+        block_s = blocks
+        call means(softness, cell_s, block_s)
+        call model%storage%init(tau_cell, tau_block, compressibility, cell_a, cell_s(1, :), &
+                                block_a, block_s(1, :))
+      end block
+    end associate
+    model%diffusion_limit = huge(1.0_wp)
+    if (n > 0) model%diffusion_limit = 2.0_wp*model%scene%water%unit_weight* &
+                                       minval(compressibility)/ &
+                                       max(model%head_operator%largest_row_sum(), tiny(1.0_wp)*1.0e9_wp)
+    model%diffusion_limit = model%comm%minimum(model%diffusion_limit)
+
+  contains
+
+    subroutine means(values, cell_means, block_means)
+      !! Volume-weighted means over cells and blocks.
+      real(wp), intent(in) :: values(:)
+      real(wp), intent(inout) :: cell_means(:, :), block_means(:, :)
+
+      call cell_sums(n, model%cell, model%particles%field(model%p%volume)%values, values, &
+                     model%grid%n_cell, sums)
+      call model%average%block_means(model%comm, model%grid, 1, sums, block_means)
+      call model%average%cell_means(model%comm, model%grid, 1, sums)
+      cell_means(1, :) = sums
+    end subroutine means
+  end subroutine build_storage
+
+  logical function needs_rebuild(model) result(needed)
+    !! Has a particle moved so far since the last build that the geometry is stale? Collective.
+    !!
+    !! The way is bounded by the sum of the steps' largest nodal velocities, so that most steps
+    !! need no look at the particles.
+    type(model_t), intent(inout) :: model
+    real(wp) :: fastest, limit
+
+    needed = .false.
+    if (.not. model%updated) return
+    fastest = 0.0_wp
+    if (model%grid%n_node > 0) fastest = sqrt(maxval(sum(model%velocity**2, dim=1)))
+    model%movement = model%movement + model%clock%dt*model%comm%maximum(fastest)
+    limit = model%scene%water%rebuild_displacement*model%spacing
+    needed = .not. model%movement < limit
+  end function needs_rebuild
+end module dosui_topology

@@ -1,0 +1,205 @@
+!! The water's part of an explicit step: pressures from flow and volume change.
+module dosui_water_step
+  use dosui_kinds, only: wp
+  use dosui_dimension, only: ndim
+  use dosui_cell_average, only: cell_sums
+  use dosui_model, only: model_t
+  use dosui_super_time_stepping, only: stage_coefficients, stage_t
+  implicit none
+  private
+
+  public :: update_pressure, head_of_particles, darcy_velocity, water_rate, surface_elevation
+
+contains
+
+  pure real(wp) function elevation_of(position, density, gravity, unit_weight) result(elevation)
+    !! Elevation e with gamma_w grad e = -rho_w g, so that water at rest has one head [m].
+    real(wp), intent(in) :: position(ndim)   !! [m]
+    real(wp), intent(in) :: density          !! of water [kg/m3]
+    real(wp), intent(in) :: gravity(ndim)    !! [m/s2]
+    real(wp), intent(in) :: unit_weight      !! gamma_w [N/m3]
+
+    elevation = -density*dot_product(gravity, position)/unit_weight
+  end function elevation_of
+
+  subroutine surface_elevation(model, elevation)
+    !! Elevation of all surface points, ghosts too [m].
+    type(model_t), intent(in) :: model
+    real(wp), allocatable, intent(out) :: elevation(:)
+    integer :: p
+
+    allocate (elevation(model%surface%count + model%surface%ghost_count))
+    do p = 1, size(elevation)
+      elevation(p) = elevation_of(model%surface%field(model%s%position)%values(:, p), &
+                                  model%scene%water%density, model%scene%gravity, &
+                                  model%scene%water%unit_weight)
+    end do
+  end subroutine surface_elevation
+
+  subroutine set_elevation(model)
+    !! Elevation of owned particles and ghosts.
+    type(model_t), intent(inout) :: model
+    integer :: p
+
+    if (.not. model%updated) return
+    do p = 1, model%particles%count
+      model%elevation(p) = elevation_of(model%particles%field(model%p%position)%values(:, p), &
+                                        model%scene%water%density, model%scene%gravity, &
+                                        model%scene%water%unit_weight)
+    end do
+  end subroutine set_elevation
+
+  subroutine head_of_particles(model, head)
+    !! Total head h = u/gamma_w + e of owned particles and ghosts [m].
+    type(model_t), intent(inout) :: model
+    real(wp), allocatable, intent(out) :: head(:)
+    integer :: n
+
+    n = model%particles%count
+    allocate (head(n + model%particles%ghost_count))
+    call set_heads(model, model%particles%field(model%p%pore_pressure)%values(1, 1:n), head)
+  end subroutine head_of_particles
+
+  subroutine set_heads(model, pressure, head)
+    !! Heads from pressures, and the ghosts' from their owners.
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: pressure(:)     !! of owned particles [Pa]
+    real(wp), intent(inout) :: head(:)      !! of owned particles and ghosts [m]
+    integer :: n
+
+    n = model%particles%count
+    head(1:n) = pressure(1:n)/model%scene%water%unit_weight + model%elevation(1:n)
+    call model%particle_map%gather(model%comm, 1, head)
+  end subroutine set_heads
+
+  subroutine water_rate(model, pressure, rate)
+    !! Inflow per volume -div w of owned particles at given pressures [1/s].
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: pressure(:)     !! [Pa]
+    real(wp), intent(inout) :: rate(:)
+    real(wp), allocatable :: flux(:, :)
+
+    call set_heads(model, pressure, model%head)
+    if (model%scene%water%operator == 'two_pass') then
+      allocate (flux(ndim, size(model%head)))
+      call model%two_pass%flux(model%head, model%hydraulic_conditions%datum, flux)
+      call model%particle_map%gather(model%comm, ndim, flux)
+      call model%two_pass%divergence(flux, rate)
+    else
+      call model%head_operator%apply(model%head, model%hydraulic_conditions%datum, rate)
+    end if
+  end subroutine water_rate
+
+  subroutine pressure_rate(model, drained, pressure, rate)
+    !! Rate of the pressures: storage times du/dt = inflow - volume change [Pa/s].
+    type(model_t), intent(inout) :: model
+    logical, intent(in) :: drained
+    real(wp), intent(in) :: pressure(:)     !! [Pa]
+    real(wp), intent(inout) :: rate(:)
+    real(wp), allocatable :: sums(:), block(:)
+    integer :: n
+
+    n = model%particles%count
+    rate(1:n) = 0.0_wp
+    if (drained) call water_rate(model, pressure, rate)
+    if (.not. model%rigid) rate(1:n) = rate(1:n) - model%volume_strain(1:n)/model%clock%dt
+    if (model%storage%projected) then
+      allocate (sums(model%grid%n_cell), block(model%grid%n_block))
+      call cell_sums(n, model%cell, model%particles%field(model%p%volume)%values, rate, &
+                     model%grid%n_cell, sums)
+      call model%average%block_means(model%comm, model%grid, 1, sums, block)
+      call model%average%cell_means(model%comm, model%grid, 1, sums)
+      call model%storage%pressure_rate(n, model%cell, model%grid%cell_block, sums, block, rate)
+    else
+      rate(1:n) = rate(1:n)/model%storage%compressibility
+    end if
+  end subroutine pressure_rate
+
+  subroutine update_pressure(model, drained)
+    !! Pressures after a step: Euler sub-steps or the stages of super-time-stepping.
+    type(model_t), intent(inout) :: model
+    logical, intent(in) :: drained   !! false: the water stays where it is
+    real(wp), allocatable :: pressure(:), rate(:), elevation(:)
+    integer :: n, k, n_step
+
+    call model%timers%start(model%phase%water)
+    n = model%particles%count
+    allocate (pressure(n), rate(n))
+    pressure = model%particles%field(model%p%pore_pressure)%values(1, 1:n)
+    call set_elevation(model)
+    call surface_elevation(model, elevation)
+    call model%hydraulic_conditions%set_time(model%scene%hydraulic_condition, &
+                                             model%clock%time + model%clock%dt, &
+                                             model%scene%water%unit_weight, elevation)
+    if (drained .and. model%stages > 0) then
+      call super_step(model, pressure)
+    else
+      n_step = merge(model%substeps, 1, drained)
+      do k = 1, n_step
+        call pressure_rate(model, drained, pressure, rate)
+        pressure = pressure + model%clock%dt/real(n_step, wp)*rate
+      end do
+    end if
+    if (drained .and. model%scene%water%operator == 'two_pass') call hold_heads(model, pressure)
+    model%particles%field(model%p%pore_pressure)%values(1, 1:n) = pressure
+    call model%timers%stop(model%phase%water)
+  end subroutine update_pressure
+
+  subroutine super_step(model, pressure)
+    !! One step of the model in RKL2 stages, the volume change held constant.
+    type(model_t), intent(inout) :: model
+    real(wp), intent(inout) :: pressure(:)   !! [Pa]
+    type(stage_t), allocatable :: stage(:)
+    real(wp), allocatable :: start(:), before(:), rate(:), first_rate(:), next(:)
+    integer :: j
+
+    stage = stage_coefficients(model%stages)
+    start = pressure
+    before = pressure
+    allocate (rate(size(pressure)), first_rate(size(pressure)))
+    call pressure_rate(model, .true., start, first_rate)
+    pressure = start + stage(1)%mu_t*model%clock%dt*first_rate
+    do j = 2, model%stages
+      call pressure_rate(model, .true., pressure, rate)
+      next = stage(j)%mu*pressure + stage(j)%nu*before + &
+             (1.0_wp - stage(j)%mu - stage(j)%nu)*start + &
+             model%clock%dt*(stage(j)%mu_t*rate + stage(j)%gamma_t*first_rate)
+      before = pressure
+      pressure = next
+    end do
+  end subroutine super_step
+
+  subroutine hold_heads(model, pressure)
+    !! The literal operator sets heads on the centres of surface particles.
+    type(model_t), intent(in) :: model
+    real(wp), intent(inout) :: pressure(:)
+    integer :: i
+
+    do i = 1, model%two_pass%n_row
+      if (model%two_pass%held_by(i) == 0) cycle
+      pressure(i) = (model%hydraulic_conditions%datum(model%two_pass%held_by(i)) - &
+                     model%elevation(i))*model%scene%water%unit_weight
+    end do
+  end subroutine hold_heads
+
+  subroutine darcy_velocity(model, flux)
+    !! Darcy velocity of owned particles for output, from first-order MLS gradients of the head
+    !! that see the surfaces' heads and fluxes [m/s].
+    type(model_t), intent(inout) :: model
+    real(wp), allocatable, intent(out) :: flux(:, :)   !! (ndim, n)
+    real(wp), allocatable :: head(:)
+
+    call head_of_particles(model, head)
+    allocate (flux(ndim, model%particles%count))
+    if (model%scene%water%operator == 'two_pass') then
+      call model%two_pass%flux(head, model%hydraulic_conditions%datum, flux)
+    else
+      call model%head_operator%flux(model%particles%field(model%p%position)%values, &
+                                    model%particles%field(model%p%conductivity)%values(1, :), &
+                                    model%spacing, model%scene%water%support_radius, &
+                                    model%surface%field(model%s%position)%values, &
+                                    model%surface%field(model%s%normal)%values, head, &
+                                    model%hydraulic_conditions%datum, flux)
+    end if
+  end subroutine darcy_velocity
+end module dosui_water_step

@@ -1,0 +1,150 @@
+!! Stresses, volumes and porosities after a step.
+module dosui_stress_update
+  use dosui_kinds, only: wp
+  use dosui_dimension, only: ndim, nsig, nshear, axis, voigt_slot
+  use dosui_error, only: error_t
+  use dosui_materials, only: material_set_t
+  implicit none
+  private
+
+  public :: update_stress, update_volume
+
+  integer, parameter :: chunk = 128   ! points of a batch, so that their strains stay in the cache
+
+contains
+
+  subroutine update_stress(materials, n, material, strain_increment, stress, state, err, cell, &
+                           cell_volume_strain, spin)
+    !! Adds the stress increments of a step, batch by batch and material by material.
+    !!
+    !! With cell and cell_volume_strain the volume change of each strain is replaced by that of the
+    !! particle's cell (B-bar), in equal parts over the scene's directions, so that plane and
+    !! uniaxial strain stay what they are. With spin (updated mode) stresses first turn with the
+    !! material: the Jaumann rate, integrated so that rotations keep stress invariants exactly
+    !! (Hughes & Winget 1980).
+    type(material_set_t), intent(in) :: materials
+    integer, intent(in) :: n
+    integer, intent(in) :: material(n)                      !! index in the set
+    real(wp), intent(in) :: strain_increment(nsig, n)       !! tension positive, 2 x shear [-]
+    real(wp), intent(inout) :: stress(nsig, n)              !! effective, tension positive [Pa]
+    real(wp), intent(inout) :: state(:, :)                  !! (n_state, n) of the materials
+    type(error_t), intent(inout) :: err
+    integer, intent(in), optional :: cell(n)
+    real(wp), intent(in), optional :: cell_volume_strain(:) !! (n_cell) mean of the increments [-]
+    real(wp), intent(in), optional :: spin(nshear, n)       !! as from grid_to_particles [-]
+    real(wp) :: strain(nsig, chunk)
+    integer :: first, last, m, here, run_end, n_state
+
+    do first = 1, n, chunk
+      last = min(first + chunk - 1, n)
+      m = last - first + 1
+      strain(:, 1:m) = strain_increment(:, first:last)
+      if (present(cell_volume_strain)) &
+        call replace_volume_strain(m, cell(first:last), size(cell_volume_strain), &
+                                   cell_volume_strain, strain)
+      if (present(spin)) call rotate_stress(m, spin(:, first:last), stress(:, first:last))
+      here = first
+      do while (here <= last)
+        run_end = here
+        do while (run_end < last)
+          if (material(run_end + 1) /= material(here)) exit
+          run_end = run_end + 1
+        end do
+        n_state = materials%item(material(here))%model%n_state()
+        call materials%item(material(here))%model%update_stress( &
+          run_end - here + 1, strain(:, here - first + 1:run_end - first + 1), &
+          stress(:, here:run_end), state(1:n_state, here:run_end), err)
+        here = run_end + 1
+      end do
+    end do
+  end subroutine update_stress
+
+  pure subroutine replace_volume_strain(m, cell, n_cell, cell_volume_strain, strain)
+    !! Kernel: gives strains the volume change of their cells.
+    integer, intent(in) :: m, n_cell
+    integer, intent(in) :: cell(m)
+    real(wp), intent(in) :: cell_volume_strain(n_cell)
+    real(wp), intent(inout) :: strain(nsig, chunk)
+    real(wp) :: change
+    integer :: a, p
+
+    do p = 1, m
+      change = cell_volume_strain(cell(p))
+      do a = 1, ndim
+        change = change - strain(voigt_slot(a, a), p)
+      end do
+      do a = 1, ndim
+        strain(voigt_slot(a, a), p) = strain(voigt_slot(a, a), p) + change*(1.0_wp/ndim)
+      end do
+    end do
+  end subroutine replace_volume_strain
+
+  pure subroutine rotate_stress(m, spin, stress)
+    !! Kernel: stress = R stress R^T with R = (I - W/2)^-1 (I + W/2), a rotation for any spin W.
+    integer, intent(in) :: m
+    real(wp), intent(in) :: spin(nshear, m)
+    real(wp), intent(inout) :: stress(nsig, m)
+    real(wp) :: w(ndim, ndim), r(ndim, ndim), s(ndim, ndim), square
+    integer :: a, b, p
+
+    do p = 1, m
+      w = 0.0_wp
+      square = 0.0_wp
+      do b = 1, ndim
+        do a = 1, ndim
+          if (axis(b) /= mod(axis(a), 3) + 1) cycle   ! one entry for each pair of directions
+          w(a, b) = spin(voigt_slot(a, b) - 3, p)
+          w(b, a) = -w(a, b)
+          square = square + w(a, b)**2
+        end do
+      end do
+      ! W^3 = -square W turns the inverse into a polynomial.
+      r = (w + 0.5_wp*matmul(w, w))/(1.0_wp + 0.25_wp*square)
+      do a = 1, ndim
+        r(a, a) = r(a, a) + 1.0_wp
+        do b = 1, ndim
+          s(a, b) = stress(voigt_slot(a, b), p)
+        end do
+      end do
+      s = matmul(r, matmul(s, transpose(r)))
+      do b = 1, ndim
+        do a = 1, ndim
+          stress(voigt_slot(a, b), p) = s(a, b)
+        end do
+      end do
+    end do
+  end subroutine rotate_stress
+
+  pure subroutine update_volume(n, strain_increment, volume, porosity, n_inverted, cell, &
+                                cell_volume_strain)
+    !! Kernel: V grows by the volume change of the step, grains keep theirs: (1 - n) V is constant.
+    !! Particles whose volume would vanish keep it and are counted.
+    integer, intent(in) :: n
+    real(wp), intent(in) :: strain_increment(nsig, n)       !! tension positive [-]
+    real(wp), intent(inout) :: volume(n)                    !! [m3]
+    real(wp), intent(inout) :: porosity(n)                  !! [-]
+    integer, intent(out) :: n_inverted
+    integer, intent(in), optional :: cell(n)
+    real(wp), intent(in), optional :: cell_volume_strain(:) !! replaces the particles' own [-]
+    real(wp) :: ratio
+    integer :: a, p
+
+    n_inverted = 0
+    do p = 1, n
+      ratio = 1.0_wp
+      if (present(cell_volume_strain)) then
+        ratio = ratio + cell_volume_strain(cell(p))
+      else
+        do a = 1, ndim
+          ratio = ratio + strain_increment(voigt_slot(a, a), p)
+        end do
+      end if
+      if (.not. (ratio > 0.0_wp)) then
+        n_inverted = n_inverted + 1
+        cycle
+      end if
+      volume(p) = volume(p)*ratio
+      porosity(p) = 1.0_wp - (1.0_wp - porosity(p))/ratio
+    end do
+  end subroutine update_volume
+end module dosui_stress_update

@@ -1,0 +1,131 @@
+!! Points on the true surface of the body: the outer faces of all regions in equal pieces.
+module dosui_boundary_points
+  use dosui_kinds, only: wp, i8
+  use dosui_dimension, only: ndim
+  use dosui_communicator, only: communicator_t
+  use dosui_particle_fields, only: surface_handles_t
+  use dosui_point_set, only: point_set_t
+  use dosui_scene, only: scene_t
+  use dosui_seeding, only: region_spacing
+  use dosui_shapes, only: face_t, shape_contains, shape_faces
+  implicit none
+  private
+
+  public :: seed_boundary_points
+
+  real(wp), parameter :: probe_depth = 0.25_wp   !! how far outside a neighbour is looked for [spacings]
+
+contains
+
+  subroutine seed_boundary_points(comm, scene, points, handles, problems)
+    !! Seeds the points of all outer faces; a piece covered by another region is interior and left
+    !! out. Identities do not depend on the ranks. Surfaces without a point are problems, one a
+    !! line. Collective.
+    type(communicator_t), intent(in) :: comm
+    type(scene_t), intent(in) :: scene
+    type(point_set_t), intent(inout) :: points
+    type(surface_handles_t), intent(in) :: handles
+    character(len=:), allocatable, intent(inout) :: problems
+    type(face_t), allocatable :: faces(:)
+    logical, allocatable :: touched(:)
+    integer(i8) :: id
+    integer :: r, f, s, patch
+
+    allocate (touched(size(scene%surface)), source=.false.)
+    id = 0_i8
+    patch = 0
+    do r = 1, size(scene%region)
+      faces = shape_faces(scene%region(r))
+      do f = 1, size(faces)
+        call seed_face(comm, scene, r, faces(f), patch, id, points, handles, touched)
+        patch = patch + 1 + size(scene%surface)
+      end do
+    end do
+    do s = 1, size(scene%surface)
+      if (comm%any(touched(s))) cycle
+      problems = problems//"&surface '"//trim(scene%surface(s)%name)// &
+                 "' touches no particle: check region, face and box"//new_line('a')
+    end do
+  end subroutine seed_boundary_points
+
+  subroutine seed_face(comm, scene, r, face, first_patch, id, points, handles, touched)
+    !! This rank's share of a face's pieces.
+    type(communicator_t), intent(in) :: comm
+    type(scene_t), intent(in) :: scene
+    integer, intent(in) :: r                      !! region of the face
+    type(face_t), intent(in) :: face
+    integer, intent(in) :: first_patch
+    integer(i8), intent(inout) :: id              !! last identity given out
+    type(point_set_t), intent(inout) :: points
+    type(surface_handles_t), intent(in) :: handles
+    logical, intent(inout) :: touched(:)
+    integer(i8) :: total, k, first, last
+    integer :: n(max(ndim - 1, 1)), e, i, s
+    real(wp) :: spacing, x(ndim), area
+    integer(i8) :: rest
+
+    spacing = region_spacing(scene, scene%region(r))
+    n = 1
+    area = 1.0_wp
+    do e = 1, size(n)   ! in 1-D the only edge has no length
+      n(e) = max(1, nint(norm2(face%edge(:, e))/spacing))
+      if (ndim > 1) area = area*norm2(face%edge(:, e))/real(n(e), wp)
+    end do
+    total = product(int(n, i8))
+    first = total*comm%rank/comm%size + 1_i8
+    last = total*(comm%rank + 1_i8)/comm%size
+    do k = first, last
+      x = face%corner
+      rest = k - 1_i8
+      do e = 1, size(n)
+        x = x + face%edge(:, e)*(real(mod(rest, int(n(e), i8)), wp) + 0.5_wp)/real(n(e), wp)
+        rest = rest/n(e)
+      end do
+      if (is_interior(scene, r, x + probe_depth*spacing*face%normal)) cycle
+      s = surface_of(scene, r, face, x)
+      if (s > 0) touched(s) = .true.
+      i = points%count + 1
+      call points%resize(i)
+      points%id(i) = id + k
+      points%field(handles%position)%values(:, i) = x
+      points%field(handles%normal)%values(:, i) = face%normal
+      points%field(handles%area)%values(1, i) = area
+      points%field(handles%surface)%values(1, i) = real(s, wp)
+      points%field(handles%patch)%values(1, i) = real(first_patch + s, wp)
+    end do
+    id = id + total
+  end subroutine seed_face
+
+  pure logical function is_interior(scene, r, outside) result(interior)
+    !! Does a position just outside a region lie inside another one?
+    type(scene_t), intent(in) :: scene
+    integer, intent(in) :: r
+    real(wp), intent(in) :: outside(ndim)
+    integer :: other
+
+    interior = .false.
+    do other = 1, size(scene%region)
+      if (other == r) cycle
+      if (shape_contains(scene%region(other), outside, 0.0_wp)) interior = .true.
+    end do
+  end function is_interior
+
+  pure integer function surface_of(scene, r, face, position) result(surface)
+    !! The last surface of the scene that selects this piece, 0 for none.
+    type(scene_t), intent(in) :: scene
+    integer, intent(in) :: r
+    type(face_t), intent(in) :: face
+    real(wp), intent(in) :: position(ndim)
+    integer :: s
+
+    surface = 0
+    do s = 1, size(scene%surface)
+      associate (candidate => scene%surface(s))
+        if (candidate%region /= scene%region(r)%name) cycle
+        if (candidate%face /= face%name .and. candidate%face /= 'all') cycle
+        if (any(position < candidate%box_min) .or. any(position > candidate%box_max)) cycle
+        surface = s
+      end associate
+    end do
+  end function surface_of
+end module dosui_boundary_points

@@ -1,0 +1,94 @@
+!! Initial pore pressures, effective stresses and velocities of regions.
+module dosui_initial_state
+  use dosui_kinds, only: wp
+  use dosui_dimension, only: ndim, nsig, voigt6
+  use dosui_particle_fields, only: particle_handles_t
+  use dosui_point_set, only: point_set_t
+  use dosui_scene, only: initial_state_t, scene_t
+  use dosui_seeding, only: region_spacing
+  use dosui_shapes, only: shape_contains
+  implicit none
+  private
+
+  public :: apply_initial_state
+
+  real(wp), parameter :: pi = acos(-1.0_wp)
+
+contains
+
+  subroutine apply_initial_state(scene, particles, handles)
+    !! Applies the scene's initial states in order; later ones override earlier ones.
+    type(scene_t), intent(in) :: scene
+    type(point_set_t), intent(inout) :: particles
+    type(particle_handles_t), intent(in) :: handles
+    integer :: k, p, r
+
+    do k = 1, size(scene%initial_state)
+      r = findloc(scene%region%name == scene%initial_state(k)%region, .true., dim=1)
+      do p = 1, particles%count
+        if (r > 0) then
+          if (.not. shape_contains(scene%region(r), &
+                                   particles%field(handles%position)%values(:, p), 0.0_wp)) cycle
+        end if
+        call set_particle(scene, scene%initial_state(k), particles, handles, p)
+      end do
+    end do
+  end subroutine apply_initial_state
+
+  subroutine set_particle(scene, state, particles, handles, p)
+    !! Initial state of one particle.
+    type(scene_t), intent(in) :: scene
+    type(initial_state_t), intent(in) :: state
+    type(point_set_t), intent(inout) :: particles
+    type(particle_handles_t), intent(in) :: handles
+    integer, intent(in) :: p
+    real(wp) :: position(ndim), stress(6), density, height
+    integer :: m
+
+    position = particles%field(handles%position)%values(:, p)
+    m = nint(particles%field(handles%material)%values(1, p))
+    if (handles%pore_pressure > 0) particles%field(handles%pore_pressure)%values(1, p) = &
+      initial_pressure(scene, state, position)
+    stress = 0.0_wp
+    if (state%effective_stress == 'given') then
+      stress = state%effective_stress_value
+    else if (state%effective_stress == 'geostatic') then
+      associate (material => scene%material(m))
+        density = (1.0_wp - material%porosity)*material%solid_density
+        if (handles%pore_pressure > 0) &
+          density = density - (1.0_wp - material%porosity)*scene%water%density
+      end associate
+      ! gravity points down, so this is negative (compression) below the surface
+      stress(3) = density*scene%gravity(ndim)*(state%surface_level - position(ndim))
+      stress(1:2) = state%lateral_ratio*stress(3)
+    end if
+    particles%field(handles%effective_stress)%values(1:nsig, p) = stress(voigt6)
+    if (state%mode_number > 0) then
+      height = scene%region(1)%box_max(ndim) - scene%region(1)%box_min(ndim)
+      particles%field(handles%velocity)%values(ndim, p) = state%mode_amplitude* &
+        sin(0.5_wp*pi*real(2*state%mode_number - 1, wp)* &
+            (position(ndim) - scene%region(1)%box_min(ndim))/height)
+    end if
+  end subroutine set_particle
+
+  pure real(wp) function initial_pressure(scene, state, position) result(pressure)
+    !! Initial pore pressure at a position, compression positive [Pa].
+    type(scene_t), intent(in) :: scene
+    type(initial_state_t), intent(in) :: state
+    real(wp), intent(in) :: position(ndim)   !! [m]
+    real(wp) :: spacing
+
+    select case (state%pore_pressure)
+    case ('hydrostatic')
+      pressure = -scene%water%density*scene%gravity(ndim)*(state%water_level - position(ndim))
+    case ('given')
+      pressure = state%pore_pressure_value
+    case ('checkerboard')
+      spacing = region_spacing(scene, scene%region(1))
+      pressure = state%pore_pressure_value* &
+                 (1.0_wp - 2.0_wp*real(modulo(sum(floor((position - scene%grid_origin)/spacing)), 2), wp))
+    case default
+      pressure = 0.0_wp
+    end select
+  end function initial_pressure
+end module dosui_initial_state

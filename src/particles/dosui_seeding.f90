@@ -1,0 +1,234 @@
+!! Fills regions with particles on regular lattices.
+!!
+!! Every rank seeds a contiguous share of each region's lattice; identities and jitter depend on
+!! the lattice only, so the particles are the same on any number of ranks.
+module dosui_seeding
+  use dosui_kinds, only: wp, i8
+  use dosui_dimension, only: ndim
+  use dosui_communicator, only: communicator_t
+  use dosui_particle_fields, only: particle_handles_t
+  use dosui_point_set, only: point_set_t
+  use dosui_random, only: hash_uniform
+  use dosui_scene, only: region_t, scene_t
+  use dosui_shapes, only: shape_contains, shape_measure, turned
+  implicit none
+  private
+
+  public :: seed_regions, region_spacing
+
+  real(wp), parameter :: closest_to_face = 0.1_wp   !! for jittered particles, in spacings [-]
+  real(wp), parameter :: round_off = 1.0e-9_wp      !! of a spacing [-]
+
+  type :: lattice_t
+    !! A regular lattice of n(1) x n(2) x n(3) points around a pivot.
+    integer :: n(ndim) = 0
+    real(wp) :: step(ndim) = 0.0_wp     !! [m]
+    real(wp) :: first(ndim) = 0.0_wp    !! position of the first point before turning [m]
+    real(wp) :: pivot(ndim) = 0.0_wp
+    real(wp) :: angle = 0.0_wp          !! [deg]
+    logical :: fills_shape = .true.     !! follows the shape: no inside test is needed
+  end type lattice_t
+
+contains
+
+  pure real(wp) function region_spacing(scene, region) result(spacing)
+    !! Particle spacing of a region [m].
+    type(scene_t), intent(in) :: scene
+    type(region_t), intent(in) :: region
+
+    spacing = region%particle_spacing
+    if (.not. spacing > 0.0_wp) spacing = scene%grid_spacing/real(region%particles_per_cell, wp)
+  end function region_spacing
+
+  pure function region_lattice(region, spacing) result(lattice)
+    !! The lattice of a region. When it follows a box the spacing is stretched to fit whole numbers.
+    type(region_t), intent(in) :: region
+    real(wp), intent(in) :: spacing   !! [m]
+    type(lattice_t) :: lattice
+    real(wp) :: extent(ndim), reach
+
+    lattice%pivot = region%pivot
+    lattice%angle = region%lattice_angle
+    lattice%fills_shape = region%shape == 'box' .and. &
+                          abs(region%lattice_angle - region%shape_angle) < 1.0e-12_wp
+    if (lattice%fills_shape) then
+      extent = region%box_max - region%box_min
+      lattice%n = max(1, nint(extent/spacing))
+      lattice%step = extent/real(lattice%n, wp)
+      lattice%first = region%box_min + 0.5_wp*lattice%step
+    else
+      reach = shape_reach(region)
+      lattice%n = 2*ceiling(reach/spacing) + 2
+      lattice%step = spacing
+      lattice%first = region%pivot - (0.5_wp*real(lattice%n, wp) - 0.5_wp)*spacing
+    end if
+  end function region_lattice
+
+  pure real(wp) function shape_reach(region) result(reach)
+    !! Largest distance of a corner of the shape from its pivot [m].
+    type(region_t), intent(in) :: region
+    integer :: k
+
+    if (region%shape == 'polygon') then
+      reach = 0.0_wp
+      do k = 1, size(region%vertices, 2)
+        reach = max(reach, norm2(region%vertices(:, k) - region%pivot))
+      end do
+    else
+      reach = norm2(max(abs(region%box_min - region%pivot), abs(region%box_max - region%pivot)))
+    end if
+  end function shape_reach
+
+  subroutine seed_regions(comm, scene, particles, handles, problems)
+    !! Seeds all regions; positions, ids, volumes, masses, porosity, conductivity, velocity.
+    !! Problems (regions without particles, overlaps) come back one a line. Collective.
+    type(communicator_t), intent(in) :: comm
+    type(scene_t), intent(in) :: scene
+    type(point_set_t), intent(inout) :: particles
+    type(particle_handles_t), intent(in) :: handles
+    character(len=:), allocatable, intent(inout) :: problems
+    real(wp), allocatable :: position(:, :)
+    integer(i8), allocatable :: id(:)
+    integer(i8) :: first_id, total
+    real(wp) :: volume, spacing
+    type(lattice_t) :: lattice
+    integer :: r, k
+
+    first_id = 0_i8
+    do r = 1, size(scene%region)
+      spacing = region_spacing(scene, scene%region(r))
+      lattice = region_lattice(scene%region(r), spacing)
+      call seed_lattice(comm, scene%region(r), lattice, spacing, position, id)
+      total = comm%sum(int(size(id), i8))
+      if (total == 0_i8) then
+        problems = problems//"&region '"//trim(scene%region(r)%name)// &
+                   "' holds no particle: it is smaller than the particle spacing"//new_line('a')
+        cycle
+      end if
+      if (comm%any(overlaps(scene%region, r, spacing, position))) &
+        problems = problems//"&region '"//trim(scene%region(r)%name)// &
+                   "' overlaps an earlier region"//new_line('a')
+      volume = shape_measure(scene%region(r))/real(total, wp)
+      ! Shares are in lattice order, so ranks before this one hold the lower identities.
+      id = first_id + comm%prefix_sum(int(size(id), i8)) + [(int(k, i8), k=1, size(id))]
+      call append(particles, handles, scene, r, position, id, volume)
+      first_id = first_id + total
+    end do
+  end subroutine seed_regions
+
+  subroutine seed_lattice(comm, region, lattice, spacing, position, id)
+    !! This rank's share of a lattice: positions and lattice numbers from 1.
+    type(communicator_t), intent(in) :: comm
+    type(region_t), intent(in) :: region
+    type(lattice_t), intent(in) :: lattice
+    real(wp), intent(in) :: spacing   !! [m]
+    real(wp), allocatable, intent(out) :: position(:, :)
+    integer(i8), allocatable, intent(out) :: id(:)
+    integer(i8) :: total, first, last, k
+    integer :: n
+    real(wp) :: x(ndim)
+
+    total = product(int(lattice%n, i8))
+    first = total*comm%rank/comm%size + 1_i8
+    last = total*(comm%rank + 1_i8)/comm%size
+    allocate (position(ndim, max(0_i8, last - first + 1_i8)), id(max(0_i8, last - first + 1_i8)))
+    n = 0
+    do k = first, last
+      x = lattice_point(lattice, k)
+      if (.not. lattice%fills_shape) then
+        if (.not. shape_contains(region, x, round_off*spacing)) cycle
+      end if
+      if (region%jitter > 0.0_wp) x = jittered(region, spacing, x, k)
+      n = n + 1
+      position(:, n) = x
+      id(n) = k
+    end do
+    position = position(:, 1:n)
+    id = id(1:n)
+  end subroutine seed_lattice
+
+  pure function lattice_point(lattice, number) result(position)
+    !! Position of a lattice point; the last coordinate varies fastest.
+    type(lattice_t), intent(in) :: lattice
+    integer(i8), intent(in) :: number   !! from 1
+    real(wp) :: position(ndim)
+    integer(i8) :: rest
+    integer :: d
+
+    rest = number - 1_i8
+    do d = ndim, 1, -1
+      position(d) = lattice%first(d) + lattice%step(d)*real(mod(rest, int(lattice%n(d), i8)), wp)
+      rest = rest/lattice%n(d)
+    end do
+    position = lattice%pivot + turned(position - lattice%pivot, lattice%angle)
+  end function lattice_point
+
+  pure function jittered(region, spacing, position, number) result(moved)
+    !! A random shift of at most jitter x spacing per direction that keeps clear of the faces;
+    !! it is shortened until it does.
+    type(region_t), intent(in) :: region
+    real(wp), intent(in) :: spacing          !! [m]
+    real(wp), intent(in) :: position(ndim)   !! [m]
+    integer(i8), intent(in) :: number        !! of the lattice point
+    real(wp) :: moved(ndim), shift(ndim)
+    integer :: d, attempt
+
+    do d = 1, ndim
+      shift(d) = region%jitter*spacing*(2.0_wp*hash_uniform(region%jitter_seed, number, d) - 1.0_wp)
+    end do
+    do attempt = 1, 8
+      moved = position + shift
+      if (shape_contains(region, moved, closest_to_face*spacing)) return
+      shift = 0.5_wp*shift
+    end do
+    moved = position
+  end function jittered
+
+  pure logical function overlaps(regions, current, spacing, position) result(overlap)
+    !! Does a particle of this region lie inside an earlier one?
+    type(region_t), intent(in) :: regions(:)
+    integer, intent(in) :: current
+    real(wp), intent(in) :: spacing
+    real(wp), intent(in) :: position(:, :)
+    integer :: r, p
+
+    overlap = .false.
+    do r = 1, current - 1
+      do p = 1, size(position, 2)
+        if (shape_contains(regions(r), position(:, p), 1.0e-6_wp*spacing)) overlap = .true.
+      end do
+    end do
+  end function overlaps
+
+  subroutine append(particles, handles, scene, r, position, id, volume)
+    !! Adds the particles of a region to the set.
+    type(point_set_t), intent(inout) :: particles
+    type(particle_handles_t), intent(in) :: handles
+    type(scene_t), intent(in) :: scene
+    integer, intent(in) :: r
+    real(wp), intent(in) :: position(:, :)
+    integer(i8), intent(in) :: id(:)
+    real(wp), intent(in) :: volume
+    integer :: m, first, last
+    real(wp) :: density
+
+    m = findloc(scene%material%name == scene%region(r)%material, .true., dim=1)
+    first = particles%count + 1
+    last = particles%count + size(id)
+    call particles%resize(last)
+    density = (1.0_wp - scene%material(m)%porosity)*scene%material(m)%solid_density
+    if (handles%pore_pressure > 0) &
+      density = density + scene%material(m)%porosity*scene%water%density
+    particles%id(first:last) = id
+    associate (field => particles%field)
+      field(handles%position)%values(:, first:last) = position
+      field(handles%velocity)%values(:, first:last) = spread(scene%region(r)%velocity, 2, size(id))
+      field(handles%volume)%values(1, first:last) = volume
+      field(handles%mass)%values(1, first:last) = volume*density
+      field(handles%porosity)%values(1, first:last) = scene%material(m)%porosity
+      field(handles%material)%values(1, first:last) = real(m, wp)
+      if (handles%conductivity > 0) field(handles%conductivity)%values(1, first:last) = &
+        scene%material(m)%hydraulic_conductivity
+    end associate
+  end subroutine append
+end module dosui_seeding

@@ -147,6 +147,15 @@ def test_other_hdf5_file(tmp_path: Path) -> None:
         Result(path)
 
 
+@pytest.mark.parametrize("name", ["Points", "PointData", "Steps/PointOffsets", "NumberOfPoints"])
+def test_lost_dataset(tmp_path: Path, name: str) -> None:
+    path = two_steps(tmp_path / "a.vtkhdf")
+    with h5py.File(path, "r+") as file:
+        del file["VTKHDF"][name]
+    with pytest.raises(DosuiPostError, match="not a result file"):
+        Result(path)
+
+
 def test_no_step(tmp_path: Path) -> None:
     path = two_steps(tmp_path / "a.vtkhdf")
     with h5py.File(path, "r+") as file:

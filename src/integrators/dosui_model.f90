@@ -66,7 +66,6 @@ module dosui_model
     real(wp), allocatable :: nodal(:, :)      !! (1 + 2 ndim, n_node): mass [kg], momentum, force [N]
     real(wp), allocatable :: velocity_old(:, :)   !! (ndim, n_node) before the step [m/s]
     real(wp), allocatable :: velocity(:, :)       !! (ndim, n_node) after the step [m/s]
-    real(wp), allocatable :: surface_velocity(:, :)   !! (ndim, surface points) [m/s]
     type(nodal_conditions_t) :: nodal_conditions
     type(surface_forces_t) :: surface_forces
     type(cell_average_t) :: average

@@ -104,7 +104,7 @@ contains
                                       model%clock%time, field(h%area)%values(1, 1:n), &
                                       field(h%normal)%values(:, 1:n), &
                                       field(h%displacement)%values(:, 1:n), &
-                                      model%surface_velocity, model%nodal(2 + ndim:, :))
+                                      field(h%velocity)%values(:, 1:n), model%nodal(2 + ndim:, :))
     end associate
   end subroutine add_surface_forces
 
@@ -235,12 +235,12 @@ contains
     !! Surface points follow the grid.
     type(model_t), intent(inout) :: model
 
-    call model%surface_forces%point_velocity(model%velocity, model%surface_velocity)
     associate (field => model%surface%field, h => model%s, n => model%surface%count)
+      call model%surface_forces%point_velocity(model%velocity, field(h%velocity)%values(:, 1:n))
       field(h%displacement)%values(:, 1:n) = field(h%displacement)%values(:, 1:n) + &
-                                             model%clock%dt*model%surface_velocity
+                                             model%clock%dt*field(h%velocity)%values(:, 1:n)
       if (model%updated) field(h%position)%values(:, 1:n) = field(h%position)%values(:, 1:n) + &
-        model%clock%dt*model%surface_velocity
+        model%clock%dt*field(h%velocity)%values(:, 1:n)
     end associate
   end subroutine move_surface
 
@@ -250,7 +250,7 @@ contains
 
     model%particles%field(model%p%velocity)%values = 0.0_wp
     if (model%p%affine > 0) model%particles%field(model%p%affine)%values = 0.0_wp
-    model%surface_velocity = 0.0_wp
+    model%surface%field(model%s%velocity)%values = 0.0_wp
   end subroutine zero_velocities
 
   real(wp) function nodal_kinetic_energy(model) result(energy)

@@ -183,7 +183,7 @@ contains
     n = model%particles%count
     if (allocated(model%patch)) &
       deallocate (model%patch, model%cell, model%surface_cell, model%nodal, model%velocity_old, &
-                  model%velocity, model%surface_velocity, model%strain_increment, model%material, &
+                  model%velocity, model%strain_increment, model%material, &
                   model%state)
     if (allocated(model%spin)) deallocate (model%spin)
     if (allocated(model%volume_strain)) deallocate (model%volume_strain)
@@ -191,7 +191,6 @@ contains
     allocate (model%nodal(1 + 2*ndim, model%grid%n_node), source=0.0_wp)
     allocate (model%velocity_old(ndim, model%grid%n_node), source=0.0_wp)
     allocate (model%velocity(ndim, model%grid%n_node), source=0.0_wp)
-    allocate (model%surface_velocity(ndim, model%surface%count), source=0.0_wp)
     allocate (model%strain_increment(nsig, n), source=0.0_wp)
     allocate (model%state(model%materials%n_state(), n), source=0.0_wp)
     if (model%coupled) allocate (model%volume_strain(n), source=0.0_wp)

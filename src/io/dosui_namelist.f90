@@ -38,6 +38,7 @@ module dosui_namelist
   type, public :: namelist_key_t
     character(len=:), allocatable :: name   !! in lower case
     integer :: line = 0
+    logical :: is_indexed = .false.         !! given by elements: name(2) = ...
     integer :: n_value = 0
     type(namelist_value_t), allocatable :: value(:)   !! the first n_value count
   contains
@@ -477,8 +478,10 @@ contains
     line = scanner%line
     start = scanner%place
     if (c == ',') then
-      if (scanner%expects_value) &
+      if (scanner%expects_value) then
         call scanner%complain(file, problems, group, line, 'no value before a comma')
+        scanner%element = scanner%element + 1
+      end if
       scanner%expects_value = .true.
       scanner%comma = scanner%place
       call scanner%advance()
@@ -600,6 +603,7 @@ contains
                         'given twice (first in line '//to_text(group%key(slot)%line)//')')
     else
       if (slot == 0) call append_key(group, name, line, slot)
+      group%key(slot)%is_indexed = bracket > 0
       scanner%slot = slot
       scanner%drops_values = .false.
     end if

@@ -424,11 +424,14 @@ contains
     type(communicator_t), intent(in) :: comm
     integer(hid_t), intent(in) :: file
     type(error_t), intent(inout) :: err
-    character(len=9), parameter :: shared(6) = &
-      ['Points   ', 'PointData', 'Vertices ', 'Lines    ', 'Polygons ', 'Strips   ']
-    character(len=21), parameter :: shared_steps(6) = &
-      ['PartOffsets          ', 'NumberOfParts        ', 'PointOffsets         ', &
-       'CellOffsets          ', 'ConnectivityIdOffsets', 'PointDataOffsets     ']
+    character(len=9), parameter :: shared(6) = ['Points   ', 'PointData', 'Vertices ', &
+                                                'Lines    ', 'Polygons ', 'Strips   ']
+    character(len=21), parameter :: shared_steps(6) = ['PartOffsets          ', &
+                                                       'NumberOfParts        ', &
+                                                       'PointOffsets         ', &
+                                                       'CellOffsets          ', &
+                                                       'ConnectivityIdOffsets', &
+                                                       'PointDataOffsets     ']
     integer(hid_t) :: commits, first, second, first_steps, second_steps
     integer :: k
 

@@ -126,6 +126,7 @@ module dosui_scene
     real(wp) :: time_step = 0.0_wp                   !! fixed dt [s]; 0: chosen from the limits
     real(wp) :: largest_step = huge(1.0_wp)          !! [s]
     integer :: maximum_steps = huge(1)
+    logical :: undrained_start = .false.             !! settle undrained under the first loads before t = 0
   end type time_t
 
   type, public :: output_t

@@ -32,6 +32,7 @@ module dosui_particle_fields
     integer :: surface = 0            !! index into the scene's surfaces, 0: unnamed
     integer :: patch = 0              !! distinct for each region face and surface
     integer :: displacement = 0       !! [m]
+    integer :: velocity = 0           !! [m/s]
   end type surface_handles_t
 
 contains
@@ -75,6 +76,7 @@ contains
     handles%surface = set%add('surface', '-', 1, yes, yes, no, yes)
     handles%patch = set%add('patch', '-', 1, yes, yes, no, yes)
     handles%displacement = set%add('displacement', 'm', ndim, yes, no, no, yes)
+    handles%velocity = set%add('velocity', 'm/s', ndim, yes, no, no, yes)
     if (updated) handles%position_at_build = &
       set%add('position_at_build', 'm', ndim, yes, yes, no, yes)
   end subroutine register_surface_fields

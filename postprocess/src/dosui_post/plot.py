@@ -256,6 +256,8 @@ def settlement(results: Sequence[Result], output: Path) -> Path:
     cases = [consolidation_of(result) for result in results]
     if any(isinstance(case, DrainageCase) for case in cases):
         raise DosuiPostError("a rigid column does not settle")
+    if len({type(case) for case in cases}) > 1:
+        raise DosuiPostError("one figure takes settlements of one kind: Terzaghi's or Mandel's")
     with house_style():
         figure, axes = new_figure(6.2, 4.4)
         curves = [_settlement(r, c) for r, c in zip(results, cases, strict=True)]
@@ -551,7 +553,7 @@ def _square_map(
     axes.locator_params(axis="x", nbins=max(2, min(6, int(width * inch / 0.7))))
     axes.set_xlabel("$x$  [m]")
     axes.set_ylabel("$z$  [m]")
-    bar = figure.colorbar(patches, ax=axes, pad=0.03)
+    bar = figure.colorbar(patches, ax=axes, pad=0.04, aspect=height * inch / 0.17)
     bar.set_label(label)
     bar.outline.set_linewidth(0.6)
     bar.outline.set_edgecolor(MUTED)

@@ -152,6 +152,10 @@ class Result:
         n_steps = int(self._steps.attrs["NSteps"])
         if n_steps < 1:
             raise DosuiPostError(f"{self.path} has no completed output step")
+        # What is missing is missed here, not in the middle of a figure.
+        needed = [self._root["Points"], self._root["PointData"], self._steps["PointOffsets"]]
+        if any(len(part) == 0 for part in needed):
+            raise DosuiPostError(f"{self.path} holds no particles")
         self.times = np.asarray(self._steps["Values"][:n_steps], dtype=np.float64)
         self._count = self._points_per_step(n_steps)
         self._history: Any = self._file.get("History")

@@ -1,0 +1,197 @@
+!! From a scene to a model that is ready to run.
+module dosui_setup
+  use dosui_kinds, only: wp, i8
+  use dosui_dimension, only: ndim
+  use dosui_boundary_points, only: seed_boundary_points
+  use dosui_communicator, only: communicator_t
+  use dosui_damping, only: automatic_damping, damping_kind_of
+  use dosui_error, only: error_t
+  use dosui_initial_state, only: apply_initial_state
+  use dosui_model, only: model_t
+  use dosui_particle_fields, only: register_particle_fields, register_surface_fields
+  use dosui_scene, only: scene_t
+  use dosui_seeding, only: region_spacing, seed_regions
+  use dosui_text, only: to_text
+  use dosui_topology, only: build_geometry, distribute
+  implicit none
+  private
+
+  public :: setup_model, seed_model, finish_setup, describe_model
+
+contains
+
+  subroutine setup_model(model, comm, scene)
+    !! Takes over the scene and registers the fields that it needs; no particle exists yet.
+    type(model_t), intent(inout) :: model
+    type(communicator_t), intent(in) :: comm
+    type(scene_t), intent(in) :: scene
+    integer :: k, n
+    logical :: affine
+    type(error_t) :: err
+
+    model%comm = comm
+    model%scene = scene
+    call model%log%init(comm%is_root())
+    model%coupled = scene%water_mode == 'saturated'
+    model%rigid = all(scene%material%rigid)
+    model%updated = scene%deformation == 'updated'
+    model%averaged = scene%mechanics%average_volume_change .and. .not. model%rigid
+    model%centred = model%coupled .and. .not. model%rigid .and. &
+                    scene%mechanics%average_volume_change
+    if (scene%mechanics%coupling_gradient == 'particle') model%centred = .false.
+    if (scene%mechanics%coupling_gradient == 'auto' .and. scene%shape_function /= 'linear') &
+      model%centred = .false.
+    n = size(scene%hydraulic_condition)
+    allocate (model%condition_surface(n))
+    do k = 1, n
+      model%condition_surface(k) = findloc(scene%surface%name == &
+                                           scene%hydraulic_condition(k)%surface, .true., dim=1)
+    end do
+    model%spacing = minval([(region_spacing(scene, scene%region(k)), k=1, size(scene%region))])
+    affine = scene%mechanics%transfer == 'apic' .and. .not. model%rigid
+    call register_particle_fields(model%particles, model%p, model%coupled, affine, model%updated)
+    call register_surface_fields(model%surface, model%s, model%updated)
+    call model%materials%init(scene%material, err)
+    call add_timers(model)
+    call model%clock%init(scene%time)
+  end subroutine setup_model
+
+  subroutine add_timers(model)
+    !! Names the phases of a run.
+    type(model_t), intent(inout) :: model
+
+    model%phase%rebuild = model%timers%add('geometry')
+    model%phase%to_grid = model%timers%add('particles to grid')
+    model%phase%halo = model%timers%add('grid halo exchange')
+    model%phase%nodes = model%timers%add('nodal update')
+    model%phase%to_particles = model%timers%add('grid to particles')
+    model%phase%stress = model%timers%add('stress')
+    model%phase%water = model%timers%add('water')
+    model%phase%output = model%timers%add('output')
+  end subroutine add_timers
+
+  subroutine seed_model(model, problems, err)
+    !! Seeds particles and surface points, sets initial states and distributes all. Problems of
+    !! the scene come back one a line. Collective.
+    type(model_t), intent(inout) :: model
+    character(len=:), allocatable, intent(inout) :: problems
+    type(error_t), intent(inout) :: err
+
+    call model%particles%resize(0)
+    call model%surface%resize(0)
+    call seed_regions(model%comm, model%scene, model%particles, model%p, problems)
+    call seed_boundary_points(model%comm, model%scene, model%surface, model%s, problems)
+    if (len(problems) > 0) return
+    call apply_initial_state(model%scene, model%particles, model%p)
+    model%particles%field(model%p%mass)%values = model%particles%field(model%p%mass)%values* &
+                                                 model%scene%mechanics%density_scaling
+    call distribute(model, err)
+  end subroutine seed_model
+
+  subroutine finish_setup(model, err)
+    !! Derives moduli, density and damping, and builds the geometry. Collective.
+    type(model_t), intent(inout) :: model
+    type(error_t), intent(inout) :: err
+
+    call find_moduli(model)
+    call choose_damping(model)
+    call build_geometry(model, err)
+    call model%comm%agree(err)
+  end subroutine finish_setup
+
+  subroutine find_moduli(model)
+    !! Largest drained and undrained modulus, and the mean density.
+    type(model_t), intent(inout) :: model
+    real(wp) :: sums(2), modulus, undrained
+    integer :: m
+
+    associate (set => model%particles)
+      sums(1) = sum(set%field(model%p%mass)%values(1, 1:set%count))
+      sums(2) = sum(set%field(model%p%volume)%values(1, 1:set%count))
+    end associate
+    call model%comm%sum_array(sums)
+    model%density = sums(1)/sums(2)
+    model%skeleton_modulus = 0.0_wp
+    model%stiffest = 0.0_wp
+    do m = 1, size(model%scene%material)
+      if (model%scene%material(m)%rigid) cycle
+      modulus = model%materials%item(m)%model%constrained_modulus()
+      undrained = modulus
+      if (model%coupled) undrained = modulus + model%scene%water%bulk_modulus/ &
+                                     model%scene%material(m)%porosity
+      model%skeleton_modulus = max(model%skeleton_modulus, modulus)
+      model%stiffest = max(model%stiffest, undrained)
+    end do
+  end subroutine find_moduli
+
+  subroutine choose_damping(model)
+    !! The scene's damping coefficient, or one from the lowest frequency of the drained body.
+    type(model_t), intent(inout) :: model
+    real(wp) :: low(ndim), high(ndim)
+    integer :: d
+
+    model%damping_kind = damping_kind_of(trim(model%scene%mechanics%damping))
+    model%damping = model%scene%mechanics%damping_coefficient
+    if (model%damping_kind <= 0 .or. model%damping >= 0.0_wp) return
+    do d = 1, ndim
+      associate (x => model%particles%field(model%p%position)%values(d, 1:model%particles%count))
+        low(d) = model%comm%minimum(minval(x))
+        high(d) = model%comm%maximum(maxval(x))
+      end associate
+    end do
+    model%damping = automatic_damping(model%damping_kind, &
+                                      sqrt(model%skeleton_modulus/model%density), &
+                                      maxval(high - low) + model%spacing)
+  end subroutine choose_damping
+
+  subroutine describe_model(model)
+    !! What will be computed, and how it is spread over the ranks.
+    type(model_t), intent(inout) :: model
+    integer(i8) :: n, m
+    integer :: linear, isolated, smallest
+
+    n = model%comm%sum(int(model%particles%count, i8))
+    m = model%comm%sum(int(model%surface%count, i8))
+    smallest = model%comm%minimum(model%particles%count)
+    call model%log%info('scene        '//model%scene%file)
+    if (len(model%scene%title) > 0) call model%log%info('title        '//model%scene%title)
+    call model%log%info('particles    '//to_text(n)//' ('//to_text(ndim)//'-D), surface points '// &
+                        to_text(m))
+    call model%log%info('ranks        '//to_text(model%comm%size)//', imbalance '// &
+                        to_text(model%partition%imbalance)//', bricks of cells '// &
+                        to_text(model%partition%n_brick)//', cut faces '// &
+                        to_text(model%partition%edge_cut))
+    if (smallest == 0 .and. model%comm%size > 1) &
+      call model%log%warning('some ranks hold no particle: fewer ranks would do')
+    if (model%damping_kind > 0) &
+      call model%log%info('damping      '//trim(model%scene%mechanics%damping)//' '// &
+                          to_text(model%damping)//merge(' 1/s', ' [-]', model%damping_kind == 1))
+    call describe_walls(model)
+    if (.not. model%coupled) return
+    linear = model%comm%sum(model%head_operator%n_linear)
+    isolated = model%comm%sum(model%head_operator%n_isolated)
+    if (linear + isolated > 0) &
+      call model%log%warning('degenerate neighbourhoods: '//to_text(linear)// &
+                             ' particles exchange water pairwise, '//to_text(isolated)//' not at all')
+  end subroutine describe_model
+
+  subroutine describe_walls(model)
+    !! Says which conditions are imposed how.
+    type(model_t), intent(inout) :: model
+    integer :: c, fitted, forced, dropped
+
+    do c = 1, size(model%scene%mechanical_condition)
+      associate (condition => model%scene%mechanical_condition(c))
+        if (condition%kind == 'traction' .or. condition%kind == 'pressure') cycle
+        fitted = model%comm%sum(count(model%on_nodes(c, :)))
+        forced = model%comm%sum(count(model%by_force(c, :)))
+        call model%log%info('surface      '//trim(condition%surface)//': '//trim(condition%kind)// &
+                            ' on '//trim(merge('grid nodes   ', 'penalty walls', forced == 0))// &
+                            ' ('//to_text(fitted + forced)//' points)')
+      end associate
+    end do
+    dropped = model%comm%sum(model%surface_forces%n_dropped)
+    if (dropped > 0) call model%log%warning(to_text(dropped)// &
+                                            ' loaded surface points find no grid node with mass')
+  end subroutine describe_walls
+end module dosui_setup

@@ -1,0 +1,382 @@
+!! A run from the first particle to the closing summary.
+module dosui_simulation
+  use dosui_kinds, only: wp, i8
+  use dosui_dimension, only: ndim
+  use dosui_communicator, only: communicator_t
+  use dosui_error, only: error_t
+  use dosui_explicit, only: choose_explicit_step, explicit_step
+  use dosui_model, only: model_t
+  use dosui_probes, only: check_probes
+  use dosui_relaxation, only: relaxation_t
+  use dosui_run_files, only: run_files_t
+  use dosui_scene, only: scene_t
+  use dosui_setup, only: describe_model, finish_setup, seed_model, setup_model
+  use dosui_signals, only: signal_received, signals_watch
+  use dosui_skeleton_step, only: nodal_kinetic_energy, zero_velocities
+  use dosui_text, only: to_text
+  use dosui_topology, only: build_geometry, distribute, needs_rebuild
+  implicit none
+  private
+
+  public :: run_scene
+
+  integer, parameter, public :: status_finished = 0, status_failed = 1, status_bad_input = 2, &
+                                status_stopped = 3   !! exit statuses
+  integer, parameter :: check_interval = 64          !! steps between looks at signals and NaN
+  integer, parameter :: relaxation_limit = 2000000   !! steps
+
+contains
+
+  subroutine run_scene(comm, scene, stem, restart, check_only, status)
+    !! Runs a scene that has been read without problems. Collective.
+    type(communicator_t), intent(in) :: comm
+    type(scene_t), intent(in) :: scene
+    character(len=*), intent(in) :: stem       !! of the files: directory and name
+    character(len=*), intent(in) :: restart    !! path of a checkpoint, '' for none
+    logical, intent(in) :: check_only
+    integer, intent(out) :: status
+    type(model_t) :: model
+    type(run_files_t) :: files
+    type(error_t) :: err
+    character(len=:), allocatable :: problems
+
+    problems = ''
+    call setup_model(model, comm, scene)
+    call check_probes(scene%probe, model%coupled, problems)
+    if (len(restart) > 0) then
+      call restore(model, files, restart, err)
+    else
+      call seed_model(model, problems, err)
+    end if
+    status = status_bad_input
+    if (report(model, problems, err)) return
+    call finish_setup(model, err)
+    if (report(model, problems, err)) return
+    call describe_model(model)
+    status = status_finished
+    if (check_only) then
+      call choose_explicit_step(model)
+      call model%log%info('time step    '//to_text(model%clock%dt)//' s, limited by '// &
+                          trim(model%clock%limit%name)//'; about '// &
+                          to_text(nint(scene%time%end_time/model%clock%limit%dt, i8))//' steps')
+      call model%log%info('the scene is valid; nothing was computed')
+      return
+    end if
+    call files%open(model, stem, len(restart) > 0, err)
+    status = status_failed
+    if (report(model, problems, err)) return
+    call signals_watch()
+    call advance(model, files, len(restart) == 0, status, err)
+    if (report(model, problems, err)) return
+    call summarise(model, status)
+  end subroutine run_scene
+
+  logical function report(model, problems, err) result(failed)
+    !! Tells the user about problems of the scene or an error.
+    type(model_t), intent(in) :: model
+    character(len=*), intent(in) :: problems
+    type(error_t), intent(in) :: err
+
+    failed = len(problems) > 0 .or. err%failed()
+    if (len(problems) > 0) call model%log%error(model%scene%file//': '// &
+                                                problems(:len(problems) - 1))
+    if (err%failed()) call model%log%error(err%message)
+  end function report
+
+  subroutine restore(model, files, path, err)
+    !! Takes up a run from its checkpoint. On the same number of ranks every rank gets back its own
+    !! particles in their order; otherwise they are distributed anew.
+    type(model_t), intent(inout) :: model
+    type(run_files_t), intent(inout) :: files
+    character(len=*), intent(in) :: path
+    type(error_t), intent(inout) :: err
+    logical :: same_ranks
+
+    call model%particles%resize(0)
+    call model%surface%resize(0)
+    call files%read_checkpoint(model, path, same_ranks, err)
+    if (err%failed()) return
+    if (.not. same_ranks) call distribute(model, err)
+    call model%comm%agree(err)
+    call model%log%info('restart      from '//path//' at t = '//to_text(model%clock%time)//' s')
+  end subroutine restore
+
+  subroutine advance(model, files, from_start, status, err)
+    !! The time loop.
+    type(model_t), intent(inout) :: model
+    type(run_files_t), intent(inout) :: files
+    logical, intent(in) :: from_start
+    integer, intent(out) :: status
+    type(error_t), intent(inout) :: err
+    real(wp) :: started, last_line, last_checkpoint
+    integer :: first_step
+    type(error_t) :: write_error
+
+    status = status_failed
+    if (from_start) then
+      if (model%scene%time%undrained_start .and. .not. model%rigid) call relax(model, err)
+      if (err%failed()) return
+      call files%sample(model)
+      call files%write_step(model, err)
+      if (err%failed()) return
+    end if
+    started = wall_seconds()
+    last_line = started
+    last_checkpoint = started
+    first_step = model%clock%step
+    do while (.not. model%clock%finished())
+      call step(model, err)
+      if (mod(model%clock%step, check_interval) == 0 .or. model%clock%at_output()) &
+        call check_state(model, err)
+      if (err%failed()) then
+        call model%comm%agree(err)
+        call files%close(model, write_error)
+        return
+      end if
+      call files%sample(model)
+      if (model%clock%at_output()) then
+        call model%timers%start(model%phase%output)
+        model%clock%output = model%clock%output + 1
+        call files%write_step(model, err)
+        call model%timers%stop(model%phase%output)
+        if (err%failed()) return
+      end if
+      if (model%clock%step >= model%scene%time%maximum_steps) exit
+      if (mod(model%clock%step, check_interval) == 0) then
+        call progress(model, started, first_step, last_line)
+        if (model%comm%any(signal_received())) then
+          call files%write_checkpoint(model, err)
+          call files%close(model, err)
+          call model%log%info('stopped by a signal at t = '//to_text(model%clock%time)// &
+                              ' s; continue with --restart '//files%stem//'.restart.h5')
+          status = status_stopped
+          return
+        end if
+      end if
+      call checkpoint_if_due(model, files, last_checkpoint, err)
+      if (err%failed()) return
+    end do
+    call files%close(model, err)
+    if (.not. err%failed()) status = status_finished
+  end subroutine advance
+
+  subroutine step(model, err)
+    !! One step: choose dt, advance, follow the particles.
+    type(model_t), intent(inout) :: model
+    type(error_t), intent(inout) :: err
+
+    call choose_explicit_step(model)
+    call explicit_step(model, .true., err)
+    call model%clock%advance()
+    if (.not. model%updated) return
+    if (needs_rebuild(model)) then
+      call model%comm%agree(err)
+      if (err%failed()) return
+      call remove_leavers(model, err)
+      if (.not. err%failed()) call distribute(model, err)
+      if (.not. err%failed()) call build_geometry(model, err)
+    else
+      call follow(model, err)
+    end if
+  end subroutine step
+
+  subroutine follow(model, err)
+    !! Cells, patches and cell volumes of particles that moved within the grid.
+    type(model_t), intent(inout) :: model
+    type(error_t), intent(inout) :: err
+    integer :: n_lost, n
+
+    n = model%particles%count
+    call model%grid%locate(n, model%particles%field(model%p%position)%values, model%patch, &
+                           model%cell, n_lost)
+    if (n_lost > 0) call err%set('particles moved out of the grid in one step at t = '// &
+                                 to_text(model%clock%time)//' s: the run is unstable')
+    call model%comm%agree(err)
+    if (err%failed()) return
+    if (model%averaged .or. model%centred) &
+      call model%average%set_weights(model%comm, model%grid, n, model%cell, &
+                                     model%particles%field(model%p%volume)%values)
+  end subroutine follow
+
+  subroutine remove_leavers(model, err)
+    !! Particles outside the scene's domain: an error, or removed and counted.
+    type(model_t), intent(inout) :: model
+    type(error_t), intent(inout) :: err
+    integer, allocatable :: keep(:)
+    logical, allocatable :: inside(:)
+    integer :: p, n
+
+    n = model%particles%count
+    allocate (inside(n))
+    do p = 1, n
+      associate (x => model%particles%field(model%p%position)%values(:, p))
+        inside(p) = all(x >= model%scene%domain_min .and. x <= model%scene%domain_max)
+      end associate
+    end do
+    if (.not. model%comm%any(.not. all(inside))) return
+    if (model%scene%leaving_particles == 'stop') then
+      if (.not. all(inside)) &
+        call err%set(describe_particle(model, 'left the domain', findloc(inside, .false., dim=1)))
+      call model%comm%agree(err)
+      return
+    end if
+    model%removed = model%removed + model%comm%sum(int(count(.not. inside), i8))
+    keep = pack([(p, p=1, n)], inside)
+    model%particles%count = size(keep)
+    call model%particles%reorder(keep)
+    call model%log%warning('particles left the domain and were removed: '// &
+                           to_text(model%removed)//' so far')
+  end subroutine remove_leavers
+
+  subroutine check_state(model, err)
+    !! Stops all ranks when a particle's state is not a number. Collective.
+    type(model_t), intent(inout) :: model
+    type(error_t), intent(inout) :: err
+    integer :: p
+
+    do p = 1, model%particles%count
+      if (.not. is_sound(model, p)) then
+        call err%set(describe_particle(model, 'has a state that is not a finite number', p))
+        exit
+      end if
+    end do
+    call model%comm%agree(err)
+  end subroutine check_state
+
+  logical function is_sound(model, p) result(sound)
+    !! Are velocity, stress and pressure of a particle finite?
+    type(model_t), intent(in) :: model
+    integer, intent(in) :: p
+    real(wp) :: largest
+
+    associate (field => model%particles%field, h => model%p)
+      largest = huge(1.0_wp)
+      sound = all(abs(field(h%velocity)%values(:, p)) <= largest) .and. &
+              all(abs(field(h%effective_stress)%values(:, p)) <= largest)
+      if (h%pore_pressure > 0) sound = sound .and. &
+        abs(field(h%pore_pressure)%values(1, p)) <= largest
+    end associate
+  end function is_sound
+
+  function describe_particle(model, what, p) result(text)
+    !! Step, time, identity and position of a particle in trouble.
+    type(model_t), intent(in) :: model
+    character(len=*), intent(in) :: what
+    integer, intent(in) :: p
+    character(len=:), allocatable :: text
+    integer :: d
+
+    text = 'particle '//to_text(model%particles%id(p))//' '//what//' in step '// &
+           to_text(model%clock%step)//', t = '//to_text(model%clock%time)//' s, at ('
+    do d = 1, ndim
+      text = text//to_text(model%particles%field(model%p%position)%values(d, p))// &
+             merge(') m', ',  ', d == ndim)
+    end do
+  end function describe_particle
+
+  subroutine relax(model, err)
+    !! Undrained equilibrium under the loads at t = 0 by kinetic damping, before the clock starts.
+    type(model_t), intent(inout) :: model
+    type(error_t), intent(inout) :: err
+    type(relaxation_t) :: relaxation
+    integer :: k
+
+    do k = 1, relaxation_limit
+      call choose_explicit_step(model)
+      call explicit_step(model, .false., err)
+      if (err%failed()) return
+      if (.not. relaxation%passed_peak(model%comm%sum(nodal_kinetic_energy(model)))) cycle
+      call zero_velocities(model)
+      if (relaxation%settled()) exit
+    end do
+    call model%log%info('undrained equilibrium after '//to_text(k)//' steps, '// &
+                        to_text(relaxation%n_peak)//' peaks of the kinetic energy')
+  end subroutine relax
+
+  subroutine checkpoint_if_due(model, files, last, err)
+    !! Writes a checkpoint every so many steps or minutes. Collective.
+    type(model_t), intent(inout) :: model
+    type(run_files_t), intent(inout) :: files
+    real(wp), intent(inout) :: last   !! wall clock of the last one [s]
+    type(error_t), intent(inout) :: err
+    logical :: due
+
+    due = .false.
+    if (model%scene%output%checkpoint_steps > 0) &
+      due = mod(model%clock%step, model%scene%output%checkpoint_steps) == 0
+    if (model%scene%output%checkpoint_minutes > 0.0_wp .and. &
+        mod(model%clock%step, check_interval) == 0) &
+      due = due .or. model%comm%any(wall_seconds() - last > &
+                                    60.0_wp*model%scene%output%checkpoint_minutes)
+    if (.not. due) return
+    last = wall_seconds()
+    call files%write_checkpoint(model, err)
+  end subroutine checkpoint_if_due
+
+  subroutine progress(model, started, first_step, last_line)
+    !! A line now and then: step, time, dt and what limits it, rate, time to go.
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: started
+    integer, intent(in) :: first_step
+    real(wp), intent(inout) :: last_line
+    real(wp) :: now, rate, to_go
+
+    now = wall_seconds()
+    if (now - last_line < model%scene%output%progress_seconds) return
+    last_line = now
+    rate = real(model%clock%step - first_step, wp)/(now - started)
+    to_go = (model%scene%time%end_time - model%clock%time)/model%clock%dt/rate
+    call model%log%info('step '//to_text(model%clock%step)//'  t = '//to_text(model%clock%time)// &
+                        ' s ('//to_text(100.0_wp*model%clock%time/model%scene%time%end_time, 3)// &
+                        ' %)  dt = '//to_text(model%clock%dt, 4)//' s ('// &
+                        trim(model%clock%limit%name)//')  '//to_text(rate, 4)// &
+                        ' steps/s  to go '//to_text(to_go, 3)//' s')
+  end subroutine progress
+
+  real(wp) function wall_seconds() result(seconds)
+    !! Wall clock, from an arbitrary origin [s].
+    integer(i8) :: now, rate
+
+    call system_clock(now, rate)
+    seconds = real(now, wp)/real(rate, wp)
+  end function wall_seconds
+
+  subroutine summarise(model, status)
+    !! Closing summary: time per phase over the ranks, particle-steps per second, warnings.
+    type(model_t), intent(inout) :: model
+    integer, intent(in) :: status
+    real(wp) :: seconds, least, mean, most, total
+    integer :: k
+    integer(i8) :: n
+
+    n = model%comm%sum(int(model%particles%count, i8))
+    call model%log%info(trim(merge('finished     ', 'stopped early', status == status_finished))// &
+                        ' at t = '//to_text(model%clock%time)//' s after '// &
+                        to_text(model%clock%step)//' steps')
+    call model%log%info('phase                    min [s]   mean [s]    max [s]')
+    total = 0.0_wp
+    do k = 1, model%timers%n
+      seconds = model%timers%seconds(k)
+      least = model%comm%minimum(seconds)
+      most = model%comm%maximum(seconds)
+      mean = model%comm%sum(seconds)/real(model%comm%size, wp)
+      total = total + mean
+      if (most < 5.0e-4_wp) cycle
+      call model%log%info('  '//model%timers%name(k)(1:20)//column(least)//column(mean)//column(most))
+    end do
+    if (model%clock%step > 0 .and. total > 0.0_wp) &
+      call model%log%info('particle-steps per second '// &
+                          to_text(real(n, wp)*real(model%clock%step, wp)/total, 3)// &
+                          ', rebuilds '//to_text(model%rebuilds))
+    if (model%removed > 0_i8) call model%log%info('particles removed '//to_text(model%removed))
+    call model%log%summary()
+  end subroutine summarise
+
+  function column(seconds) result(text)
+    !! A number in a column of the summary.
+    real(wp), intent(in) :: seconds
+    character(len=11) :: text
+
+    write (text, '(f11.3)') seconds
+  end function column
+end module dosui_simulation

@@ -1,0 +1,249 @@
+!! A scene as namelist text: every key with the value in force. Reading it gives the same scene.
+module dosui_scene_echo
+  use dosui_kinds, only: wp
+  use dosui_scene, only: scene_t, name_length
+  use dosui_scene_keys, only: key_visitor_t, key_t, group_t, scene_groups, group_size, &
+                              visit_group, real_text
+  use dosui_text, only: to_text
+  implicit none
+  private
+
+  public :: write_echo, group_entries, is_in_force
+
+  character(len=1), parameter :: newline = new_line('a')
+  integer, parameter :: line_width = 96   !! of lists that go over several lines
+
+  type, public :: entry_t
+    !! One key of a group instance as text.
+    type(key_t) :: key
+    character(len=:), allocatable :: value       !! '' for none
+    character(len=:), allocatable :: statement   !! `key = value`, or a comment in place of it
+  end type entry_t
+
+  type, extends(key_visitor_t) :: writer_t
+    !! Collects the entries of a group instance.
+    type(entry_t), allocatable :: item(:)
+    integer :: n = 0
+  contains
+    procedure :: real => write_real
+    procedure :: integer => write_integer
+    procedure :: logical => write_logical
+    procedure :: name => write_name
+    procedure :: text => write_text
+    procedure :: vector => write_vector
+    procedure :: list => write_list
+    procedure :: points => write_points
+  end type writer_t
+
+contains
+
+  subroutine write_echo(scene, text)
+    !! The whole scene as namelist text. Keys that mean nothing in this scene are left out.
+    type(scene_t), intent(in) :: scene
+    character(len=:), allocatable, intent(out) :: text
+    type(group_t), allocatable :: groups(:)
+    type(entry_t), allocatable :: entries(:)
+    integer :: g, instance, k
+
+    text = '! the scene with every value in force'//newline
+    groups = scene_groups()
+    do g = 1, size(groups)
+      if (.not. is_in_force(scene, groups(g)%name)) cycle
+      do instance = 1, group_size(scene, groups(g)%name)
+        call group_entries(scene, groups(g)%name, instance, entries)
+        text = text//newline//'&'//groups(g)%name//newline
+        do k = 1, size(entries)
+          if (entries(k)%key%applies) text = text//'  '//entries(k)%statement//newline
+        end do
+        text = text//'/'//newline
+      end do
+    end do
+  end subroutine write_echo
+
+  pure logical function is_in_force(scene, group)
+    !! Does a group mean anything in this scene?
+    type(scene_t), intent(in) :: scene
+    character(len=*), intent(in) :: group
+
+    is_in_force = .true.
+    if (group == 'water') is_in_force = scene%water_mode /= 'none'
+    if (group == 'verification') is_in_force = scene%verification%case /= ''
+  end function is_in_force
+
+  subroutine group_entries(scene, group, instance, entries)
+    !! All keys of one instance of a group as text.
+    type(scene_t), intent(in) :: scene
+    character(len=*), intent(in) :: group
+    integer, intent(in) :: instance
+    type(entry_t), allocatable, intent(out) :: entries(:)
+    type(writer_t) :: writer
+    type(scene_t) :: copy
+    integer :: k
+
+    copy = scene
+    allocate (writer%item(64))
+    call visit_group(writer, copy, group, instance)
+    allocate (entries(writer%n))
+    do k = 1, writer%n
+      entries(k) = writer%item(k)
+    end do
+  end subroutine group_entries
+
+  subroutine append(self, key, value, note)
+    !! Adds an entry; without a value, a comment says what holds instead.
+    class(writer_t), intent(inout) :: self
+    type(key_t), intent(in) :: key
+    character(len=*), intent(in) :: value
+    character(len=*), intent(in) :: note
+
+    self%n = self%n + 1
+    associate (item => self%item(self%n))
+      item%key = key
+      item%value = value
+      if (len(value) > 0) then
+        item%statement = key%name//' = '//value
+      else if (len(key%fallback) > 0) then
+        item%statement = '! '//key%name//': '//key%fallback
+      else
+        item%statement = '! '//key%name//': '//note
+      end if
+    end associate
+  end subroutine append
+
+  subroutine write_real(self, value, key)
+    class(writer_t), intent(inout) :: self
+    real(wp), intent(inout) :: value
+    type(key_t), intent(in) :: key
+
+    call append(self, key, real_text(value), 'unlimited')
+  end subroutine write_real
+
+  subroutine write_integer(self, value, key)
+    class(writer_t), intent(inout) :: self
+    integer, intent(inout) :: value
+    type(key_t), intent(in) :: key
+
+    if (value == huge(value)) then
+      call append(self, key, '', 'unlimited')
+    else
+      call append(self, key, to_text(value), '')
+    end if
+  end subroutine write_integer
+
+  subroutine write_logical(self, value, key)
+    class(writer_t), intent(inout) :: self
+    logical, intent(inout) :: value
+    type(key_t), intent(in) :: key
+
+    call append(self, key, '.'//to_text(value)//'.', '')
+  end subroutine write_logical
+
+  subroutine write_name(self, value, key)
+    class(writer_t), intent(inout) :: self
+    character(len=name_length), intent(inout) :: value
+    type(key_t), intent(in) :: key
+
+    if (len_trim(value) == 0) then
+      call append(self, key, '', 'none')
+    else
+      call append(self, key, quoted(trim(value)), '')
+    end if
+  end subroutine write_name
+
+  subroutine write_text(self, value, key)
+    class(writer_t), intent(inout) :: self
+    character(len=:), allocatable, intent(inout) :: value
+    type(key_t), intent(in) :: key
+
+    if (allocated(value)) then
+      call append(self, key, quoted(value), '')
+    else
+      call append(self, key, '', 'none')
+    end if
+  end subroutine write_text
+
+  subroutine write_vector(self, value, key)
+    class(writer_t), intent(inout) :: self
+    real(wp), intent(inout) :: value(:)
+    type(key_t), intent(in) :: key
+    logical :: is_limited(size(value))
+    integer :: k
+
+    do k = 1, size(value)
+      is_limited(k) = len(real_text(value(k))) > 0
+    end do
+    if (all(is_limited)) then
+      call append(self, key, joined(value), '')
+    else
+      call append(self, key, '', 'unlimited')
+      if (.not. any(is_limited)) return
+      self%item(self%n)%statement = ''
+      do k = 1, size(value)
+        if (is_limited(k)) self%item(self%n)%statement = self%item(self%n)%statement// &
+          key%name//'('//to_text(k)//') = '//real_text(value(k))//' '
+      end do
+      self%item(self%n)%statement = trim(self%item(self%n)%statement)
+      self%item(self%n)%value = self%item(self%n)%statement
+    end if
+  end subroutine write_vector
+
+  subroutine write_list(self, value, key)
+    class(writer_t), intent(inout) :: self
+    real(wp), allocatable, intent(inout) :: value(:)
+    type(key_t), intent(in) :: key
+
+    if (.not. allocated(value)) then
+      call append(self, key, '', 'none')
+    else
+      call append(self, key, joined(value), 'none')
+    end if
+  end subroutine write_list
+
+  subroutine write_points(self, value, key)
+    class(writer_t), intent(inout) :: self
+    real(wp), allocatable, intent(inout) :: value(:, :)
+    type(key_t), intent(in) :: key
+
+    if (.not. allocated(value)) then
+      call append(self, key, '', 'none')
+    else
+      call append(self, key, joined(reshape(value, [size(value)])), 'none')
+    end if
+  end subroutine write_points
+
+  pure function joined(values) result(text)
+    !! Numbers with commas between them, over several lines if there are many.
+    real(wp), intent(in) :: values(:)
+    character(len=:), allocatable :: text
+    character(len=:), allocatable :: number, line
+    integer :: k
+
+    text = ''
+    line = ''
+    do k = 1, size(values)
+      number = to_text(values(k))
+      if (k < size(values)) number = number//','
+      if (len(line) + len(number) + 24 > line_width) then
+        text = text//line//newline//'   '
+        line = ''
+      end if
+      if (k > 1) line = line//' '
+      line = line//number
+    end do
+    text = text//line
+  end function joined
+
+  pure function quoted(text)
+    !! A text in quotes, with quotes within it doubled.
+    character(len=*), intent(in) :: text
+    character(len=:), allocatable :: quoted
+    integer :: k
+
+    quoted = "'"
+    do k = 1, len(text)
+      quoted = quoted//text(k:k)
+      if (text(k:k) == "'") quoted = quoted//"'"
+    end do
+    quoted = quoted//"'"
+  end function quoted
+end module dosui_scene_echo

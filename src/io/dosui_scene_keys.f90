@@ -1,0 +1,895 @@
+!! The one table of every group and key of a scene: name, unit, allowed range or choices, meaning,
+!! and the component of `scene_t` that it sets.
+!!
+!! The table is executable: `visit_group` shows a visitor every key of a group together with its
+!! variable. Reading, echo, template and documentation are visitors, so they cannot disagree.
+!! Defaults are those of the types in dosui_scene.
+module dosui_scene_keys
+  use dosui_kinds, only: wp
+  use dosui_dimension, only: ndim
+  use dosui_scene, only: scene_t, region_t, material_t, water_t, mechanics_t, initial_state_t, &
+                         surface_t, mechanical_condition_t, hydraulic_condition_t, probe_t, &
+                         time_t, output_t, verification_t, table_t, name_length
+  use dosui_text, only: to_text
+  implicit none
+  private
+
+  public :: scene_groups, group_size, allocate_group, visit_group, collect_keys
+  public :: real_text, in_range, choice_of, n_choice
+
+  character(len=*), parameter :: or_unlimited = 'unlimited'
+
+  type, public :: key_t
+    !! What is known about a key.
+    character(len=:), allocatable :: name
+    character(len=:), allocatable :: unit          !! '' for what has none
+    character(len=:), allocatable :: range         !! '' or '> 0', '>= 0 and <= 1', ...
+    character(len=:), allocatable :: choices       !! '' or the allowed texts, separated by blanks
+    character(len=:), allocatable :: description   !! one line
+    character(len=:), allocatable :: only          !! '' or where it has a meaning: kind = 'given'
+    character(len=:), allocatable :: fallback      !! '' or the default in words
+    logical :: is_required = .false.
+    logical :: applies = .true.                    !! is the condition `only` met in this instance?
+    logical :: is_undecided = .false.              !! unknown, because a choice above is missing
+    integer :: longest = name_length               !! characters of a text
+    ! filled by collect_keys
+    character(len=:), allocatable :: group
+    character(len=:), allocatable :: kind          !! 'real', 'integer', 'logical', 'text', ...
+    character(len=:), allocatable :: default       !! as namelist text, '' for none
+  end type key_t
+
+  type, public :: group_t
+    !! What is known about a group.
+    character(len=:), allocatable :: name
+    character(len=:), allocatable :: description
+    logical :: is_required = .false.
+    logical :: is_repeatable = .false.
+  end type group_t
+
+  type, abstract, public :: key_visitor_t
+    !! Does something with every key that it is shown.
+  contains
+    procedure(visit_real), deferred :: real
+    procedure(visit_integer), deferred :: integer
+    procedure(visit_logical), deferred :: logical
+    procedure(visit_name), deferred :: name
+    procedure(visit_text), deferred :: text
+    procedure(visit_vector), deferred :: vector
+    procedure(visit_list), deferred :: list
+    procedure(visit_points), deferred :: points
+  end type key_visitor_t
+
+  abstract interface
+    subroutine visit_real(self, value, key)
+      import :: key_visitor_t, key_t, wp
+      class(key_visitor_t), intent(inout) :: self
+      real(wp), intent(inout) :: value
+      type(key_t), intent(in) :: key
+    end subroutine visit_real
+    subroutine visit_integer(self, value, key)
+      import :: key_visitor_t, key_t
+      class(key_visitor_t), intent(inout) :: self
+      integer, intent(inout) :: value
+      type(key_t), intent(in) :: key
+    end subroutine visit_integer
+    subroutine visit_logical(self, value, key)
+      import :: key_visitor_t, key_t
+      class(key_visitor_t), intent(inout) :: self
+      logical, intent(inout) :: value
+      type(key_t), intent(in) :: key
+    end subroutine visit_logical
+    subroutine visit_name(self, value, key)
+      import :: key_visitor_t, key_t, name_length
+      class(key_visitor_t), intent(inout) :: self
+      character(len=name_length), intent(inout) :: value
+      type(key_t), intent(in) :: key
+    end subroutine visit_name
+    subroutine visit_text(self, value, key)
+      import :: key_visitor_t, key_t
+      class(key_visitor_t), intent(inout) :: self
+      character(len=:), allocatable, intent(inout) :: value
+      type(key_t), intent(in) :: key
+    end subroutine visit_text
+    subroutine visit_vector(self, value, key)
+      !! A fixed number of reals.
+      import :: key_visitor_t, key_t, wp
+      class(key_visitor_t), intent(inout) :: self
+      real(wp), intent(inout) :: value(:)
+      type(key_t), intent(in) :: key
+    end subroutine visit_vector
+    subroutine visit_list(self, value, key)
+      !! Any number of reals.
+      import :: key_visitor_t, key_t, wp
+      class(key_visitor_t), intent(inout) :: self
+      real(wp), allocatable, intent(inout) :: value(:)
+      type(key_t), intent(in) :: key
+    end subroutine visit_list
+    subroutine visit_points(self, value, key)
+      !! Any number of points (ndim, n).
+      import :: key_visitor_t, key_t, wp
+      class(key_visitor_t), intent(inout) :: self
+      real(wp), allocatable, intent(inout) :: value(:, :)
+      type(key_t), intent(in) :: key
+    end subroutine visit_points
+  end interface
+
+  type, extends(key_visitor_t) :: collector_t
+    !! Lists the keys with their kinds and defaults.
+    character(len=:), allocatable :: group
+    type(key_t), allocatable :: key(:)
+  contains
+    procedure :: real => collect_real
+    procedure :: integer => collect_integer
+    procedure :: logical => collect_logical
+    procedure :: name => collect_name
+    procedure :: text => collect_text
+    procedure :: vector => collect_vector
+    procedure :: list => collect_list
+    procedure :: points => collect_points
+  end type collector_t
+
+contains
+
+  ! ---------------------------------------------------------------- groups
+
+  pure function scene_groups() result(groups)
+    !! All groups in the order in which a scene is best written.
+    type(group_t), allocatable :: groups(:)
+
+    allocate (groups(14))
+    groups(1) = group_t('scene', 'What is computed, and how.', .true., .false.)
+    groups(2) = group_t('grid', 'The background grid and the domain. Memory and time follow the '// &
+                        'particles: a large domain costs nothing.', .true., .false.)
+    groups(3) = group_t('time', 'End of the run, output times and the time step.', .true., .false.)
+    groups(4) = group_t('material', 'A soil. Regions refer to it by its name.', .true., .true.)
+    groups(5) = group_t('water', 'The pore water and its operator; only with '// &
+                        '`water = ''saturated''` in &scene.', .false., .false.)
+    groups(6) = group_t('mechanics', 'How the skeleton''s motion is computed.', .false., .false.)
+    groups(7) = group_t('region', 'A shape filled with particles of one material on a regular '// &
+                        'lattice.', .true., .true.)
+    groups(8) = group_t('initial_state', 'Pore pressure, effective stress and velocity at t = 0; '// &
+                        'later groups override earlier ones. Without it everything is zero.', &
+                        .false., .true.)
+    groups(9) = group_t('surface', 'A named part of the boundary of a region, for conditions and '// &
+                        'probes. A point of the boundary belongs to the last surface that '// &
+                        'selects it.', .false., .true.)
+    groups(10) = group_t('mechanical_condition', 'Walls and loads on a surface. Surfaces without '// &
+                         'one are free of traction.', .false., .true.)
+    groups(11) = group_t('hydraulic_condition', 'Head, pressure or flux on a surface. Surfaces '// &
+                         'without one let no water through.', .false., .true.)
+    groups(12) = group_t('probe', 'A value whose history is written to the result file.', &
+                         .false., .true.)
+    groups(13) = group_t('output', 'Names and intervals of the files.', .false., .false.)
+    groups(14) = group_t('verification', 'The exact solution that `dosui-post verify` compares '// &
+                         'with.', .false., .false.)
+  end function scene_groups
+
+  pure integer function group_size(scene, group) result(n)
+    !! How many instances of a group a scene holds; 1 for a group that cannot be repeated.
+    type(scene_t), intent(in) :: scene
+    character(len=*), intent(in) :: group
+
+    n = 1
+    select case (group)
+    case ('material')
+      n = size(scene%material)
+    case ('region')
+      n = size(scene%region)
+    case ('initial_state')
+      n = size(scene%initial_state)
+    case ('surface')
+      n = size(scene%surface)
+    case ('mechanical_condition')
+      n = size(scene%mechanical_condition)
+    case ('hydraulic_condition')
+      n = size(scene%hydraulic_condition)
+    case ('probe')
+      n = size(scene%probe)
+    end select
+  end function group_size
+
+  pure subroutine allocate_group(scene, group, n)
+    !! Makes n instances of a group with defaults; nothing for a group that cannot be repeated.
+    type(scene_t), intent(inout) :: scene
+    character(len=*), intent(in) :: group
+    integer, intent(in) :: n
+
+    select case (group)
+    case ('material')
+      if (allocated(scene%material)) deallocate (scene%material)
+      allocate (scene%material(n))
+    case ('region')
+      if (allocated(scene%region)) deallocate (scene%region)
+      allocate (scene%region(n))
+    case ('initial_state')
+      if (allocated(scene%initial_state)) deallocate (scene%initial_state)
+      allocate (scene%initial_state(n))
+    case ('surface')
+      if (allocated(scene%surface)) deallocate (scene%surface)
+      allocate (scene%surface(n))
+    case ('mechanical_condition')
+      if (allocated(scene%mechanical_condition)) deallocate (scene%mechanical_condition)
+      allocate (scene%mechanical_condition(n))
+    case ('hydraulic_condition')
+      if (allocated(scene%hydraulic_condition)) deallocate (scene%hydraulic_condition)
+      allocate (scene%hydraulic_condition(n))
+    case ('probe')
+      if (allocated(scene%probe)) deallocate (scene%probe)
+      allocate (scene%probe(n))
+    end select
+  end subroutine allocate_group
+
+  subroutine visit_group(visitor, scene, group, instance)
+    !! Shows a visitor all keys of one instance of a group.
+    class(key_visitor_t), intent(inout) :: visitor
+    type(scene_t), intent(inout) :: scene
+    character(len=*), intent(in) :: group
+    integer, intent(in) :: instance   !! 1 for groups that cannot be repeated
+
+    select case (group)
+    case ('scene')
+      call visit_scene(visitor, scene)
+    case ('grid')
+      call visit_grid(visitor, scene)
+    case ('time')
+      call visit_time(visitor, scene%time)
+    case ('material')
+      call visit_material(visitor, scene%material(instance), scene%water_mode == 'none')
+    case ('water')
+      call visit_water(visitor, scene%water)
+    case ('mechanics')
+      call visit_mechanics(visitor, scene%mechanics)
+    case ('region')
+      call visit_region(visitor, scene%region(instance))
+    case ('initial_state')
+      call visit_initial_state(visitor, scene%initial_state(instance), scene%water_mode == 'none')
+    case ('surface')
+      call visit_surface(visitor, scene%surface(instance))
+    case ('mechanical_condition')
+      call visit_mechanical_condition(visitor, scene%mechanical_condition(instance))
+    case ('hydraulic_condition')
+      call visit_hydraulic_condition(visitor, scene%hydraulic_condition(instance))
+    case ('probe')
+      call visit_probe(visitor, scene%probe(instance))
+    case ('output')
+      call visit_output(visitor, scene%output)
+    case ('verification')
+      call visit_verification(visitor, scene%verification)
+    end select
+  end subroutine visit_group
+
+  ! ---------------------------------------------------------------- the table
+
+  subroutine visit_scene(v, scene)
+    !! Keys of &scene.
+    class(key_visitor_t), intent(inout) :: v
+    type(scene_t), intent(inout) :: scene
+    integer :: dimension
+
+    dimension = ndim
+    call v%text(scene%title, &
+                key('title', 'one line about the scene', longest=1000))
+    call v%integer(dimension, &
+                   key('dimension', 'space dimensions: (z), (x, z) or (x, y, z); z is up', &
+                       range='>= 1 and <= 3', required=.true.))
+    call v%name(scene%water_mode, &
+                key('water', 'pore water: none (dry soil) or saturated', choices='none saturated'))
+    call v%name(scene%integrator, &
+                key('integrator', 'how time is stepped', choices='explicit'))
+    call v%name(scene%deformation, &
+                key('deformation', 'small_strain: the geometry stays as it is; updated: particles '// &
+                    'move through the grid', choices='small_strain updated'))
+    call v%name(scene%leaving_particles, &
+                key('leaving_particles', 'what happens when a particle leaves the domain: stop '// &
+                    'with an error, or remove and count it', choices='stop remove'))
+    call v%vector(scene%gravity, &
+                  key('gravity', 'acceleration; z is up, so its last component is negative', &
+                      unit='m/s2'))
+  end subroutine visit_scene
+
+  subroutine visit_grid(v, scene)
+    !! Keys of &grid.
+    class(key_visitor_t), intent(inout) :: v
+    type(scene_t), intent(inout) :: scene
+
+    call v%real(scene%grid_spacing, &
+                key('spacing', 'edge length of the cells', unit='m', range='> 0', required=.true.))
+    call v%vector(scene%grid_origin, key('origin', 'position of one node of the grid', unit='m'))
+    call v%name(scene%shape_function, &
+                key('shape_function', 'linear hats, GIMP (uniform) or quadratic B-splines', &
+                    choices='linear gimp bspline'))
+    call v%vector(scene%domain_min, &
+                  key('domain_min', 'particles below have left the domain', unit='m'))
+    call v%vector(scene%domain_max, &
+                  key('domain_max', 'particles above have left the domain', unit='m'))
+  end subroutine visit_grid
+
+  subroutine visit_time(v, time)
+    !! Keys of &time.
+    class(key_visitor_t), intent(inout) :: v
+    type(time_t), intent(inout) :: time
+
+    call v%real(time%end_time, &
+                key('end_time', 'end of the run', unit='s', range='> 0', required=.true.))
+    call v%real(time%output_interval, &
+                key('output_interval', 'time between outputs; 0: only output_times and the end', &
+                    unit='s', range='>= 0'))
+    call v%list(time%output_times, &
+                key('output_times', 'times of output, besides the start and the end', unit='s', &
+                    range='> 0'))
+    call v%real(time%courant, &
+                key('courant', 'fraction of the stability limit that a step takes', unit='-', &
+                    range='> 0 and <= 1'))
+    call v%real(time%time_step, &
+                key('time_step', 'fixed step; 0: chosen from the stability limits', unit='s', &
+                    range='>= 0'))
+    call v%real(time%largest_step, &
+                key('largest_step', 'no step is longer', unit='s', range='> 0'))
+    call v%logical(time%undrained_start, &
+                   key('undrained_start', 'settle into the undrained equilibrium under the '// &
+                       'loads at t = 0 before the clock starts'))
+    call v%integer(time%maximum_steps, &
+                   key('maximum_steps', 'the run ends after so many steps', range='>= 1', &
+                       fallback=or_unlimited))
+  end subroutine visit_time
+
+  subroutine visit_material(v, material, is_dry)
+    !! Keys of &material.
+    class(key_visitor_t), intent(inout) :: v
+    type(material_t), intent(inout) :: material
+    logical, intent(in) :: is_dry
+
+    call v%name(material%name, key('name', 'what regions call it', required=.true.))
+    call v%name(material%model, key('model', 'constitutive model', choices='linear_elastic'))
+    call v%logical(material%rigid, &
+                   key('rigid', 'the skeleton does not move: pure seepage'))
+    call v%real(material%young_modulus, &
+                key('young_modulus', 'drained Young''s modulus; needed unless rigid', unit='Pa', &
+                    range='> 0', required=.not. material%rigid))
+    call v%real(material%poisson_ratio, &
+                key('poisson_ratio', 'drained Poisson''s ratio', unit='-', range='> -1 and < 0.5'))
+    call v%real(material%solid_density, &
+                key('solid_density', 'density of the grains', unit='kg/m3', range='> 0'))
+    call v%real(material%porosity, &
+                key('porosity', 'initial volume of voids per volume', unit='-', &
+                    range='> 0 and < 1'))
+    call v%real(material%hydraulic_conductivity, &
+                key('hydraulic_conductivity', 'Darcy''s k; 0: undrained', unit='m/s', &
+                    range='>= 0', only='water = ''saturated'' in &scene', applies=.not. is_dry))
+  end subroutine visit_material
+
+  subroutine visit_water(v, water)
+    !! Keys of &water.
+    class(key_visitor_t), intent(inout) :: v
+    type(water_t), intent(inout) :: water
+
+    call v%real(water%density, key('density', 'density', unit='kg/m3', range='> 0'))
+    call v%real(water%bulk_modulus, &
+                key('bulk_modulus', 'K_w; lower values stand for a little trapped air', unit='Pa', &
+                    range='> 0'))
+    call v%real(water%unit_weight, &
+                key('unit_weight', 'gamma_w that k and heads refer to', unit='N/m3', range='> 0'))
+    call v%name(water%operator, &
+                key('operator', 'compact: quadratic MLS with boundary points; two_pass: the '// &
+                    'published MLS-SPH recipe, first order at best', choices='compact two_pass'))
+    call v%real(water%support_radius, &
+                key('support_radius', 'radius of the neighbourhoods, in particle spacings', &
+                    unit='-', range='>= 1.5 and <= 4'))
+    call v%real(water%rebuild_displacement, &
+                key('rebuild_displacement', 'neighbourhoods are built anew when a particle has '// &
+                    'moved so far, in particle spacings', unit='-', range='> 0 and <= 1'))
+    call v%real(water%cell_storage, &
+                key('cell_storage', 'pressure-projection storage inside a cell, tau_i', unit='-', &
+                    range='>= 0'))
+    call v%real(water%block_storage, &
+                key('block_storage', 'pressure-projection storage inside 2 x 2 (x 2) cells, tau_m', &
+                    unit='-', range='>= 0'))
+    call v%name(water%stepping, &
+                key('stepping', 'pressure steps within a mechanical step: one, several, RKL2 '// &
+                    'super-time-stepping, or chosen from the limits', &
+                    choices='auto single subcycle rkl2'))
+  end subroutine visit_water
+
+  subroutine visit_mechanics(v, mechanics)
+    !! Keys of &mechanics.
+    class(key_visitor_t), intent(inout) :: v
+    type(mechanics_t), intent(inout) :: mechanics
+
+    call v%name(mechanics%transfer, &
+                key('transfer', 'how velocities pass between particles and grid', &
+                    choices='flip apic pic blend'))
+    call v%real(mechanics%flip_fraction, &
+                key('flip_fraction', 'share of FLIP, the rest is PIC', unit='-', &
+                    range='>= 0 and <= 1', only='transfer = ''blend''', &
+                    applies=mechanics%transfer == 'blend', undecided=mechanics%transfer == ''))
+    call v%logical(mechanics%average_volume_change, &
+                   key('average_volume_change', 'volume change of skeleton and water averaged '// &
+                       'over the cell (B-bar)'))
+    call v%name(mechanics%coupling_gradient, &
+                key('coupling_gradient', 'where the volume change for the water is evaluated', &
+                    choices='auto particle cell_centre'))
+    call v%name(mechanics%damping, &
+                key('damping', 'viscous: force -c m v; local: -c |force| against the velocity', &
+                    choices='none viscous local'))
+    call v%real(mechanics%damping_coefficient, &
+                key('damping_coefficient', 'c: viscous [1/s], local [-]; negative: from the '// &
+                    'scene''s lowest frequency', only='damping = ''viscous'' or ''local''', &
+                    applies=mechanics%damping /= 'none', undecided=mechanics%damping == ''))
+    call v%real(mechanics%density_scaling, &
+                key('density_scaling', 'factor on inertia only, for quasi-static runs', unit='-', &
+                    range='>= 1'))
+    call v%real(mechanics%penalty, &
+                key('penalty', 'stiffness of walls that no grid line follows, in modulus per '// &
+                    'spacing', unit='-', range='> 0'))
+  end subroutine visit_mechanics
+
+  subroutine visit_region(v, region)
+    !! Keys of &region.
+    class(key_visitor_t), intent(inout) :: v
+    type(region_t), intent(inout) :: region
+
+    call v%name(region%name, key('name', 'what surfaces and initial states call it', &
+                                 required=.true.))
+    call v%name(region%material, key('material', 'name of a &material', required=.true.))
+    call v%name(region%shape, key('shape', 'box, or polygon (2-D only)', choices='box polygon'))
+    call v%vector(region%box_min, &
+                  key('box_min', 'lower corner before turning', unit='m', required=.true., &
+                      only='shape = ''box''', applies=region%shape == 'box', &
+                      undecided=region%shape == ''))
+    call v%vector(region%box_max, &
+                  key('box_max', 'upper corner before turning', unit='m', required=.true., &
+                      only='shape = ''box''', applies=region%shape == 'box', &
+                      undecided=region%shape == ''))
+    call v%points(region%vertices, &
+                  key('vertices', 'corners x1, z1, x2, z2, ... of a simple polygon; edge1 runs '// &
+                      'from the first to the second, counter-clockwise', unit='m', &
+                      required=.true., only='shape = ''polygon''', &
+                      applies=region%shape == 'polygon', undecided=region%shape == ''))
+    call v%real(region%particle_spacing, &
+                key('particle_spacing', 'of the lattice; 0: grid spacing / particles_per_cell', &
+                    unit='m', range='>= 0'))
+    call v%integer(region%particles_per_cell, &
+                   key('particles_per_cell', 'particles per cell and direction', &
+                       range='>= 1 and <= 100', only='particle_spacing = 0', &
+                       applies=.not. region%particle_spacing > 0.0_wp))
+    call v%real(region%jitter, &
+                key('jitter', 'largest random shift of a particle in each direction, in particle '// &
+                    'spacings', unit='-', range='>= 0 and < 0.5'))
+    call v%integer(region%jitter_seed, key('jitter_seed', 'another number, other shifts'))
+    call v%real(region%shape_angle, &
+                key('shape_angle', 'turn of the shape about pivot, from x towards z', unit='deg', &
+                    range='>= -360 and <= 360'))
+    call v%real(region%lattice_angle, &
+                key('lattice_angle', 'turn of the particle lattice about pivot, from x towards z', &
+                    unit='deg', range='>= -360 and <= 360'))
+    call v%vector(region%pivot, key('pivot', 'centre of both turns', unit='m'))
+    call v%vector(region%velocity, key('velocity', 'initial velocity', unit='m/s'))
+  end subroutine visit_region
+
+  subroutine visit_initial_state(v, state, is_dry)
+    !! Keys of &initial_state.
+    class(key_visitor_t), intent(inout) :: v
+    type(initial_state_t), intent(inout) :: state
+    logical, intent(in) :: is_dry
+
+    call v%name(state%region, &
+                key('region', 'name of a &region', fallback='every region'))
+    call v%name(state%pore_pressure, &
+                key('pore_pressure', 'zero, hydrostatic below water_level, a given value, or a '// &
+                    'checkerboard of both signs', choices='zero hydrostatic given checkerboard', &
+                    only='water = ''saturated'' in &scene', applies=.not. is_dry))
+    call v%real(state%water_level, &
+                key('water_level', 'elevation of zero pressure', unit='m', &
+                    only='pore_pressure = ''hydrostatic''', &
+                    applies=state%pore_pressure == 'hydrostatic', &
+                    undecided=state%pore_pressure == ''))
+    call v%real(state%pore_pressure_value, &
+                key('pore_pressure_value', 'pressure, or amplitude of the checkerboard; '// &
+                    'compression positive', unit='Pa', &
+                    only='pore_pressure = ''given'' or ''checkerboard''', &
+                    applies=state%pore_pressure == 'given' .or. &
+                    state%pore_pressure == 'checkerboard', &
+                    undecided=state%pore_pressure == ''))
+    call v%name(state%effective_stress, &
+                key('effective_stress', 'zero, geostatic below surface_level, or given', &
+                    choices='zero geostatic given'))
+    call v%real(state%surface_level, &
+                key('surface_level', 'elevation of zero effective stress', unit='m', &
+                    only='effective_stress = ''geostatic''', &
+                    applies=state%effective_stress == 'geostatic', &
+                    undecided=state%effective_stress == ''))
+    call v%real(state%lateral_ratio, &
+                key('lateral_ratio', 'K_0: horizontal over vertical effective stress', unit='-', &
+                    range='>= 0', only='effective_stress = ''geostatic''', &
+                    applies=state%effective_stress == 'geostatic', &
+                    undecided=state%effective_stress == ''))
+    call v%vector(state%effective_stress_value, &
+                  key('effective_stress_value', 'xx, yy, zz, xy, yz, zx; tension positive', &
+                      unit='Pa', only='effective_stress = ''given''', &
+                      applies=state%effective_stress == 'given', &
+                      undecided=state%effective_stress == ''))
+    call v%integer(state%mode_number, &
+                   key('mode_number', 'm of the initial velocity v_z = a sin(pi (2 m - 1) z / '// &
+                       '(2 H)) of a bar of height H; 0: none', range='>= 0 and <= 1000'))
+    call v%real(state%mode_amplitude, &
+                key('mode_amplitude', 'a of that velocity', unit='m/s', only='mode_number > 0', &
+                    applies=state%mode_number > 0))
+  end subroutine visit_initial_state
+
+  subroutine visit_surface(v, surface)
+    !! Keys of &surface.
+    class(key_visitor_t), intent(inout) :: v
+    type(surface_t), intent(inout) :: surface
+
+    call v%name(surface%name, key('name', 'what conditions and probes call it', required=.true.))
+    call v%name(surface%region, key('region', 'name of a &region', required=.true.))
+    call v%name(surface%face, &
+                key('face', 'face of the unturned box (x-, x+, y-, y+, z-, z+), edge of a polygon '// &
+                    '(edge1, edge2, ...), or all', required=.true.))
+    call v%vector(surface%box_min, &
+                  key('box_min', 'only the part of the face above this corner', unit='m'))
+    call v%vector(surface%box_max, &
+                  key('box_max', 'only the part of the face below this corner', unit='m'))
+  end subroutine visit_surface
+
+  subroutine visit_mechanical_condition(v, condition)
+    !! Keys of &mechanical_condition.
+    class(key_visitor_t), intent(inout) :: v
+    type(mechanical_condition_t), intent(inout) :: condition
+    integer :: n
+
+    call v%name(condition%surface, key('surface', 'name of a &surface', required=.true.))
+    call v%name(condition%kind, &
+                key('kind', 'roller: no normal motion; fixed: none at all; velocity, '// &
+                    'normal_velocity: prescribed; traction, pressure: loads; plate: rigid, '// &
+                    'frictionless, one normal velocity and a total force', required=.true., &
+                    choices='roller fixed velocity normal_velocity traction pressure plate'))
+    call v%name(condition%imposition, &
+                key('imposition', 'of walls: on grid nodes, by springs on the true surface, or '// &
+                    'nodes where the grid follows the surface', choices='auto nodes penalty', &
+                    only='kind is no traction or pressure', &
+                    applies=condition%kind /= 'traction' .and. condition%kind /= 'pressure'))
+    n = ndim
+    if (condition%kind == 'pressure' .or. condition%kind == 'plate' .or. &
+        condition%kind == 'normal_velocity') n = 1
+    call v%vector(condition%value(1:n), &
+                  key('value', 'velocity [m/s] and traction [Pa]: a vector; normal_velocity: '// &
+                      'outward [m/s]; pressure: into the body [Pa]; plate: total force into the '// &
+                      'body [N; N/m in 2-D, Pa in 1-D]', only='kind is no roller or fixed', &
+                      applies=condition%kind /= 'roller' .and. condition%kind /= 'fixed', &
+                      required=.true., undecided=condition%kind == ''))
+    call visit_table(v, condition%factor, 'kind is no roller or fixed', &
+                     condition%kind /= 'roller' .and. condition%kind /= 'fixed')
+  end subroutine visit_mechanical_condition
+
+  subroutine visit_hydraulic_condition(v, condition)
+    !! Keys of &hydraulic_condition.
+    class(key_visitor_t), intent(inout) :: v
+    type(hydraulic_condition_t), intent(inout) :: condition
+
+    call v%name(condition%surface, key('surface', 'name of a &surface', required=.true.))
+    call v%name(condition%kind, &
+                key('kind', 'total head, pore pressure, outward Darcy flux, or none', &
+                    required=.true., choices='head pressure flux no_flow'))
+    call v%real(condition%value, &
+                key('value', 'head [m], pressure [Pa] or flux [m/s], outward positive', &
+                    only='kind is not no_flow', applies=condition%kind /= 'no_flow', &
+                    required=.true., undecided=condition%kind == ''))
+    call visit_table(v, condition%factor, 'kind is not no_flow', condition%kind /= 'no_flow')
+  end subroutine visit_hydraulic_condition
+
+  subroutine visit_table(v, table, only, applies)
+    !! The two keys of a factor over time.
+    class(key_visitor_t), intent(inout) :: v
+    type(table_t), intent(inout) :: table
+    character(len=*), intent(in) :: only
+    logical, intent(in) :: applies
+
+    call v%list(table%time, &
+                key('factor_times', 'times of factor_values, strictly increasing', unit='s', &
+                    only=only, applies=applies))
+    call v%list(table%value, &
+                key('factor_values', 'factors on value: linear between the times, constant before '// &
+                    'and after', unit='-', only=only, applies=applies, fallback='1 at all times'))
+  end subroutine visit_table
+
+  subroutine visit_probe(v, probe)
+    !! Keys of &probe.
+    class(key_visitor_t), intent(inout) :: v
+    type(probe_t), intent(inout) :: probe
+    logical :: is_field, is_surface
+
+    is_field = probe%kind /= 'settlement'
+    is_surface = probe%kind /= 'point' .and. probe%kind /= 'domain_sum'
+    call v%name(probe%name, key('name', 'name of the history', required=.true.))
+    call v%name(probe%kind, &
+                key('kind', 'value at a point, mean over a surface, mean downward displacement of '// &
+                    'a surface, or volume integral', required=.true., &
+                    choices='point surface_mean settlement domain_sum'))
+    call v%name(probe%field, &
+                key('field', 'a field of the result file, e.g. pore_pressure', &
+                    only='kind is not settlement', applies=is_field, required=.true., &
+                    undecided=probe%kind == ''))
+    call v%integer(probe%component, &
+                   key('component', 'of a vector or stress field, in the order of the result file', &
+                       range='>= 1 and <= 6', only='kind is not settlement', applies=is_field))
+    call v%name(probe%surface, &
+                key('surface', 'name of a &surface', &
+                    only='kind = ''surface_mean'' or ''settlement''', &
+                    applies=is_surface, required=.true., undecided=probe%kind == ''))
+    call v%vector(probe%position, &
+                  key('position', 'where', unit='m', only='kind = ''point''', &
+                      applies=probe%kind == 'point', required=.true., &
+                      undecided=probe%kind == ''))
+  end subroutine visit_probe
+
+  subroutine visit_output(v, output)
+    !! Keys of &output.
+    class(key_visitor_t), intent(inout) :: v
+    type(output_t), intent(inout) :: output
+
+    call v%text(output%name, &
+                key('name', 'stem of the files', longest=200, &
+                    fallback='name of the scene''s folder or file'))
+    call v%text(output%directory, &
+                key('directory', 'where the files go', longest=4000, &
+                    fallback='the working directory'))
+    call v%real(output%history_interval, &
+                key('history_interval', 'time between entries of the histories; 0: about 1000 '// &
+                    'entries over the run', unit='s', range='>= 0'))
+    call v%integer(output%checkpoint_steps, &
+                   key('checkpoint_steps', 'steps between checkpoints; 0: none', range='>= 0'))
+    call v%real(output%checkpoint_minutes, &
+                key('checkpoint_minutes', 'wall time between checkpoints; 0: none', unit='min', &
+                    range='>= 0'))
+    call v%real(output%progress_seconds, &
+                key('progress_seconds', 'wall time between lines of progress', unit='s', &
+                    range='>= 0'))
+  end subroutine visit_output
+
+  subroutine visit_verification(v, verification)
+    !! Keys of &verification.
+    class(key_visitor_t), intent(inout) :: v
+    type(verification_t), intent(inout) :: verification
+
+    call v%name(verification%case, &
+                key('case', 'name of the exact solution', required=.true., &
+                    choices='terzaghi mandel hydrostatic bar drainage'))
+    call v%real(verification%load, &
+                key('load', 'Terzaghi: pressure q [Pa]; Mandel: force F [N/m]'))
+    call v%real(verification%length, &
+                key('length', 'drainage length H, or half width a', unit='m', range='> 0', &
+                    required=.true.))
+    call v%vector(verification%drained, &
+                  key('drained', 'a point of the drained surface', unit='m', required=.true.))
+    call v%vector(verification%direction, &
+                  key('direction', 'unit vector from the drained surface into the body', unit='-', &
+                      required=.true.))
+  end subroutine visit_verification
+
+  pure function key(name, description, unit, range, choices, only, applies, required, fallback, &
+                    longest, undecided)
+    !! A key with what was left out empty.
+    character(len=*), intent(in) :: name, description
+    character(len=*), intent(in), optional :: unit, range, choices, only, fallback
+    logical, intent(in), optional :: applies, required, undecided
+    integer, intent(in), optional :: longest
+    type(key_t) :: key
+
+    key%name = name
+    key%description = description
+    key%unit = ''
+    key%range = ''
+    key%choices = ''
+    key%only = ''
+    key%fallback = ''
+    if (present(unit)) key%unit = unit
+    if (present(range)) key%range = range
+    if (present(choices)) key%choices = choices
+    if (present(only)) key%only = only
+    if (present(fallback)) key%fallback = fallback
+    if (present(applies)) key%applies = applies
+    if (present(required)) key%is_required = required
+    if (present(longest)) key%longest = longest
+    if (present(undecided)) key%is_undecided = undecided
+  end function key
+
+  ! ---------------------------------------------------------------- what ranges and choices mean
+
+  pure logical function in_range(x, range) result(is_in)
+    !! Does a number fulfil all conditions of a range like '>= 0 and < 0.5'?
+    real(wp), intent(in) :: x
+    character(len=*), intent(in) :: range
+    character(len=:), allocatable :: rest
+    real(wp) :: bound
+    integer :: last, blank
+
+    is_in = .true.
+    rest = range
+    do while (len(rest) > 0)
+      last = index(rest//' and ', ' and ')
+      blank = index(rest, ' ')
+      read (rest(blank + 1:last - 1), *) bound
+      select case (rest(:blank - 1))
+      case ('>')
+        is_in = is_in .and. x > bound
+      case ('>=')
+        is_in = is_in .and. x >= bound
+      case ('<')
+        is_in = is_in .and. x < bound
+      case ('<=')
+        is_in = is_in .and. x <= bound
+      end select
+      if (last + 5 > len(rest)) exit
+      rest = rest(last + 5:)
+    end do
+  end function in_range
+
+  pure integer function n_choice(choices) result(n)
+    !! How many texts a list of choices holds.
+    character(len=*), intent(in) :: choices
+    integer :: k
+
+    n = 0
+    if (len(choices) > 0) n = 1
+    do k = 1, len(choices)
+      if (choices(k:k) == ' ') n = n + 1
+    end do
+  end function n_choice
+
+  pure function choice_of(choices, k) result(choice)
+    !! The k-th text of a list of choices.
+    character(len=*), intent(in) :: choices
+    integer, intent(in) :: k
+    character(len=name_length) :: choice
+    integer :: first, n
+
+    first = 1
+    do n = 2, k
+      first = first + index(choices(first:), ' ')
+    end do
+    choice = choices(first:first - 2 + index(choices(first:)//' ', ' '))
+  end function choice_of
+
+  pure function real_text(x) result(text)
+    !! A real as namelist text, '' if it stands for no limit.
+    real(wp), intent(in) :: x
+    character(len=:), allocatable :: text
+
+    text = ''
+    if (abs(x) < huge(x)) text = to_text(x)
+  end function real_text
+
+  ! ---------------------------------------------------------------- collecting the table
+
+  subroutine collect_keys(keys)
+    !! All keys of all groups, with kinds and defaults.
+    type(key_t), allocatable, intent(out) :: keys(:)
+    type(group_t), allocatable :: groups(:)
+    type(collector_t) :: collector
+    type(scene_t) :: scene
+    integer :: g
+
+    groups = scene_groups()
+    allocate (collector%key(0))
+    do g = 1, size(groups)
+      collector%group = groups(g)%name
+      call allocate_group(scene, groups(g)%name, 1)
+      call visit_group(collector, scene, groups(g)%name, 1)
+    end do
+    call move_alloc(collector%key, keys)
+  end subroutine collect_keys
+
+  subroutine append(self, key, kind, default)
+    !! Adds a key to the list.
+    type(collector_t), intent(inout) :: self
+    type(key_t), intent(in) :: key
+    character(len=*), intent(in) :: kind, default
+    type(key_t), allocatable :: more(:)
+    integer :: k, n
+
+    n = size(self%key)
+    allocate (more(n + 1))
+    do k = 1, n
+      more(k) = self%key(k)
+    end do
+    more(n + 1) = key
+    more(n + 1)%group = self%group
+    more(n + 1)%kind = kind
+    more(n + 1)%default = default
+    if (len(default) == 0 .and. len(key%fallback) == 0 .and. kind /= 'text') &
+      more(n + 1)%fallback = 'none'
+    call move_alloc(more, self%key)
+  end subroutine append
+
+  subroutine collect_real(self, value, key)
+    class(collector_t), intent(inout) :: self
+    real(wp), intent(inout) :: value
+    type(key_t), intent(in) :: key
+
+    call append_real(self, value, key, 'real')
+  end subroutine collect_real
+
+  subroutine append_real(self, value, key, kind)
+    !! Adds a key with a real default; huge ones mean that there is no limit.
+    type(collector_t), intent(inout) :: self
+    real(wp), intent(in) :: value
+    type(key_t), intent(in) :: key
+    character(len=*), intent(in) :: kind
+
+    call append(self, key, kind, real_text(value))
+    if (len(real_text(value)) == 0) self%key(size(self%key))%fallback = or_unlimited
+  end subroutine append_real
+
+  subroutine collect_integer(self, value, key)
+    class(collector_t), intent(inout) :: self
+    integer, intent(inout) :: value
+    type(key_t), intent(in) :: key
+
+    if (value == huge(value)) then
+      call append(self, key, 'integer', '')
+    else
+      call append(self, key, 'integer', to_text(value))
+    end if
+  end subroutine collect_integer
+
+  subroutine collect_logical(self, value, key)
+    class(collector_t), intent(inout) :: self
+    logical, intent(inout) :: value
+    type(key_t), intent(in) :: key
+
+    call append(self, key, 'logical', '.'//to_text(value)//'.')
+  end subroutine collect_logical
+
+  subroutine collect_name(self, value, key)
+    class(collector_t), intent(inout) :: self
+    character(len=name_length), intent(inout) :: value
+    type(key_t), intent(in) :: key
+
+    if (len_trim(value) == 0) then
+      call append(self, key, 'text', '')
+    else
+      call append(self, key, 'text', "'"//trim(value)//"'")
+    end if
+  end subroutine collect_name
+
+  subroutine collect_text(self, value, key)
+    class(collector_t), intent(inout) :: self
+    character(len=:), allocatable, intent(inout) :: value
+    type(key_t), intent(in) :: key
+
+    if (allocated(value)) then
+      call append(self, key, 'text', "'"//value//"'")
+    else
+      call append(self, key, 'text', '')
+    end if
+  end subroutine collect_text
+
+  subroutine collect_vector(self, value, key)
+    class(collector_t), intent(inout) :: self
+    real(wp), intent(inout) :: value(:)
+    type(key_t), intent(in) :: key
+
+    if (size(value) == ndim) then
+      call append_real(self, value(1), key, 'vector')
+    else
+      call append_real(self, value(1), key, to_text(size(value))//' reals')
+    end if
+  end subroutine collect_vector
+
+  subroutine collect_list(self, value, key)
+    class(collector_t), intent(inout) :: self
+    real(wp), allocatable, intent(inout) :: value(:)
+    type(key_t), intent(in) :: key
+
+    if (.not. allocated(value)) call append(self, key, 'list', '')
+  end subroutine collect_list
+
+  subroutine collect_points(self, value, key)
+    class(collector_t), intent(inout) :: self
+    real(wp), allocatable, intent(inout) :: value(:, :)
+    type(key_t), intent(in) :: key
+
+    if (.not. allocated(value)) call append(self, key, 'points', '')
+  end subroutine collect_points
+end module dosui_scene_keys

@@ -190,7 +190,8 @@ def test_namelist() -> None:
         &Material  Name='it''s / clay' E = 1.0d6, nu=.25 rigid = .FALSE. wet=T ! rigid = .true.
           n = 2*0.5, -3 /
         &table time(1) = 0.0, 1.0  time(3) = 5
-          vertices(:,1) = 0.0, 1.0 vertices(:,2) = 2.0, 3.0 largest = Infinity odd = NaN/
+          vertices(:,1) = 0.0, 1.0 vertices(:,2) = 2.0, 3.0 largest = Infinity odd = NaN
+          limit(2) = 7.0/
         &material name = "second" /
         &empty /
         """
@@ -207,6 +208,7 @@ def test_namelist() -> None:
     assert table.numbers("vertices") == [0.0, 1.0, 2.0, 3.0]
     assert table.number("largest") == np.inf
     assert np.isnan(table.number("odd"))
+    assert np.array_equal(table.numbers("limit"), [np.nan, 7.0], equal_nan=True)
     assert second.text("name") == "second"
 
 

@@ -131,8 +131,9 @@ contains
     real(wp), intent(in) :: weight(n)   !! [m3]
     real(wp), allocatable :: one(:)
 
-    if (allocated(self%cell_weight)) &
+    if (allocated(self%cell_weight)) then
       deallocate (self%cell_weight, self%cell_inverse, self%block_inverse)
+    end if
     allocate (self%cell_weight(grid%n_cell), self%cell_inverse(grid%n_cell), &
               self%block_inverse(grid%n_block))
     allocate (one(n), source=1.0_wp)

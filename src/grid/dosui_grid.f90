@@ -26,7 +26,7 @@ module dosui_grid
     real(wp) :: origin(ndim) = 0.0_wp              !! position of node (0, 0, 0) [m]
     integer :: shape_kind = shape_linear
     integer :: width = 2                           !! nodes per direction and particle
-    real(wp) :: half_domain = 0.25_wp              !! GIMP: half a particle's side over h, (0, 1/2] [-]
+    real(wp) :: half_domain = 0.25_wp              !! GIMP: half a particle's side over h [-]
     integer :: n_node = 0, n_patch = 0, n_cell = 0, n_block = 0
     integer(i8), allocatable :: node_key(:), patch_key(:), cell_key(:), block_key(:)
     integer, allocatable :: node_index(:, :)       !! (ndim, n_node) integer coordinates
@@ -322,8 +322,9 @@ contains
     do b = 1, size(low, 2)
       if (any(low(:, b) > own_high .or. high(:, b) < own_low)) cycle
       do k = 1, size(is_inside)
-        if (all(coordinates(:, k) >= low(:, b) .and. coordinates(:, k) <= high(:, b))) &
+        if (all(coordinates(:, k) >= low(:, b) .and. coordinates(:, k) <= high(:, b))) then
           is_inside(k) = .true.
+        end if
       end do
     end do
   end function inside
@@ -378,7 +379,9 @@ contains
         end if
       end if
       found(p) = 0
-      if (all(abs(local) < largest_coordinate)) found(p) = binary_search(key, pack_key(floor(local)))
+      if (all(abs(local) < largest_coordinate)) then
+        found(p) = binary_search(key, pack_key(floor(local)))
+      end if
       if (found(p) == 0) n_lost = n_lost + 1
       last = found(p)
     end do

@@ -42,18 +42,26 @@ contains
   subroutine replace_keeping_previous(new_path, path, previous_path, err)
     !! Renames new_path to path; what was at path becomes previous_path.
     !!
-    !! A second name (hard link) for the old file keeps `path` in place throughout; where the file
-    !! system has no hard links it is missing for the moment between two renames.
+    !! Both names hold a complete file at every moment: the old file gets a second name (hard link)
+    !! before the new one takes its place. Where the file system has no hard links, `path` is
+    !! missing for the moment between two renames.
     character(len=*), intent(in) :: new_path, path, previous_path
     type(error_t), intent(inout) :: err
+    character(len=:), allocatable :: second_name
     logical :: exists
     integer(c_int) :: status
 
+    second_name = previous_path//'.new'//c_null_char
     inquire (file=path, exist=exists)
     if (exists) then
-      status = posix_unlink(previous_path//c_null_char)
-      status = posix_link(path//c_null_char, previous_path//c_null_char)
-      if (status /= 0_c_int) call rename_file(path, previous_path, err)
+      status = posix_unlink(second_name)
+      status = posix_link(path//c_null_char, second_name)
+      if (status == 0_c_int) then
+        call rename_file(previous_path//'.new', previous_path, err)
+        status = posix_unlink(second_name)   ! left over if both names already were one file
+      else
+        call rename_file(path, previous_path, err)
+      end if
     end if
     if (.not. err%failed()) call rename_file(new_path, path, err)
   end subroutine replace_keeping_previous

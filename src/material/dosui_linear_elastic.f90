@@ -38,7 +38,7 @@ contains
     real(wp), intent(inout) :: state(:, :)
     type(error_t), intent(inout) :: err
 
-    if (size(state, 1) > 0 .or. err%failed()) return
+    if (err%failed() .or. size(state, 1) > 0) return   ! it has no state
     call add_elastic_stress(self%lambda, self%shear, n, strain_increment, stress)
   end subroutine linear_elastic_update_stress
 

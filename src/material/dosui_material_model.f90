@@ -9,6 +9,7 @@ module dosui_material_model
   type, abstract, public :: material_model_t
     !! A constitutive model with its constants. Models see batches of points, so that the choice
     !! of the model costs nothing per point; they own the meaning of their state variables.
+    character(len=32), allocatable :: state_names(:)   !! set by models that have state variables
   contains
     procedure(update_stress_interface), deferred :: update_stress
     procedure(modulus_interface), deferred :: constrained_modulus
@@ -22,6 +23,7 @@ module dosui_material_model
     subroutine update_stress_interface(self, n, strain_increment, stress, state, err)
       !! Adds the stress increments of a batch of points.
       import :: material_model_t, wp, nsig, error_t
+      implicit none
       class(material_model_t), intent(in) :: self
       integer, intent(in) :: n                              !! points
       real(wp), intent(in) :: strain_increment(nsig, n)     !! tension positive, 2 x shear [-]
@@ -33,6 +35,7 @@ module dosui_material_model
     pure real(wp) function modulus_interface(self) result(modulus)
       !! A modulus of the drained skeleton, the largest the model can have [Pa].
       import :: material_model_t, wp
+      implicit none
       class(material_model_t), intent(in) :: self
     end function modulus_interface
   end interface
@@ -40,10 +43,11 @@ module dosui_material_model
 contains
 
   pure integer function material_model_n_state(self) result(n_state)
-    !! State variables per point; models that have some override this.
+    !! State variables per point.
     class(material_model_t), intent(in) :: self
 
-    n_state = merge(0, 0, same_type_as(self, self))
+    n_state = 0
+    if (allocated(self%state_names)) n_state = size(self%state_names)
   end function material_model_n_state
 
   pure function material_model_state_name(self, index) result(name)
@@ -53,7 +57,6 @@ contains
     character(len=32) :: name
 
     name = ''
-    if (index > self%n_state()) return
-    name = 'state'
+    if (index >= 1 .and. index <= self%n_state()) name = self%state_names(index)
   end function material_model_state_name
 end module dosui_material_model

@@ -58,11 +58,13 @@ contains
 
     select case (material%model)
     case ('linear_elastic')
-      if (.not. (material%poisson_ratio > -1.0_wp .and. material%poisson_ratio < 0.5_wp)) &
+      if (.not. (material%poisson_ratio > -1.0_wp .and. material%poisson_ratio < 0.5_wp)) then
         call err%set('material '''//trim(material%name)//''': poisson_ratio must lie between '// &
                      '-1 and 0.5')
-      if (.not. (material%young_modulus > 0.0_wp .or. material%rigid)) &
+      end if
+      if (.not. (material%young_modulus > 0.0_wp .or. material%rigid)) then
         call err%set('material '''//trim(material%name)//''': young_modulus must be positive')
+      end if
       if (err%failed()) return
       call elastic%init(material%young_modulus, material%poisson_ratio)
       allocate (model, source=elastic)

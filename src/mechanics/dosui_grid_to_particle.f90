@@ -103,9 +103,10 @@ contains
         call gather_run(g, n_groups, first, last, weight, gradient, n_node, &
                         grid%patch_node(1, patch(first)), flip_fraction, grid%n_node, &
                         velocity_old, velocity_new, mean, change, slope)
-        if (has_moments) &
+        if (has_moments) then
           call gather_moments(g, n_groups, offset, first, last, weight, n_node, &
                               grid%patch_node(1, patch(first)), grid%n_node, velocity_new, moment)
+        end if
       end do
       first = last + 1
     end do

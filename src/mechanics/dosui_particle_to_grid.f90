@@ -61,10 +61,11 @@ contains
         call add_pressure(m, volume(first:last), pore_pressure(first:last), load)
       end if
       start(:, 1:m) = velocity(:, first:last)
-      if (present(affine)) &
+      if (present(affine)) then
         call expand_affine(m, grid%origin, grid%spacing, patch(first:last), grid%n_patch, &
                            grid%patch_base, position(:, first:last), affine(:, first:last), &
                            start, slope)
+      end if
       call spread_chunk(grid, group_count(grid%shape_kind), m, patch(first:last), &
                         position(:, first:last), mass(first:last), gravity, start, slope, load, &
                         nodal)

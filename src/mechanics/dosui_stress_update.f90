@@ -39,9 +39,10 @@ contains
       last = min(first + chunk - 1, n)
       m = last - first + 1
       strain(:, 1:m) = strain_increment(:, first:last)
-      if (present(cell_volume_strain)) &
+      if (present(cell_volume_strain)) then
         call replace_volume_strain(m, cell(first:last), size(cell_volume_strain), &
                                    cell_volume_strain, strain)
+      end if
       if (present(spin)) call rotate_stress(m, spin(:, first:last), stress(:, first:last))
       here = first
       do while (here <= last)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -75,7 +76,7 @@ class Group:
 def parse(text: str) -> list[Group]:
     """Groups of a namelist text in their order; groups of one name may come several times.
 
-    An index, as in `time(2) = 1.0`, says where the first value goes; other sections
+    An index, as in `time(2) = 1.0`, says where the first value goes (NaN before it); sections
     (`vertices(:, 1)`) append. Text outside of the groups is skipped, as Fortran does.
     """
     groups: list[Group] = []
@@ -100,6 +101,7 @@ def parse(text: str) -> list[Group]:
             repeat = int(token[:-1])
         else:
             value = _unquote(token) if kind == "string" else _convert(token)
+            values.extend([math.nan] * (position - len(values)))
             values[position : position + repeat] = [value] * repeat
             position, repeat = position + repeat, 1
     return groups

@@ -1,0 +1,516 @@
+!! What can be wrong with a scene although every single value is allowed.
+module dosui_scene_checks
+  use dosui_kinds, only: wp
+  use dosui_dimension, only: ndim
+  use dosui_namelist, only: namelist_t
+  use dosui_problems, only: problems_t
+  use dosui_scene, only: scene_t, table_t, name_length
+  use dosui_scene_keys, only: group_size
+  use dosui_text, only: nearest_name, to_text
+  implicit none
+  private
+
+  public :: check_scene
+
+  real(wp), parameter :: unit_tolerance = 1.0e-3_wp   !! of the length of a unit vector [-]
+
+  type :: checker_t
+    !! Finds the line of what a check complains about.
+    type(namelist_t) :: namelist
+    type(problems_t) :: problems
+  contains
+    procedure :: complain => checker_complain
+    procedure :: has => checker_has
+  end type checker_t
+
+contains
+
+  subroutine check_scene(scene, namelist, problems)
+    !! All checks that need no particles. Corners of clockwise polygons are put in counter-clockwise
+    !! order.
+    type(scene_t), intent(inout) :: scene
+    type(namelist_t), intent(in) :: namelist
+    type(problems_t), intent(inout) :: problems
+    type(checker_t) :: checker
+
+    checker%namelist = namelist
+    checker%problems = problems
+    call check_names(checker, scene)
+    call check_references(checker, scene)
+    call check_times(checker, scene)
+    call check_domain(checker, scene)
+    call check_regions(checker, scene)
+    call check_surfaces(checker, scene)
+    call check_states(checker, scene)
+    call check_conditions(checker, scene)
+    call check_water(checker, scene)
+    call check_output(checker, scene)
+    call check_verification(checker, scene)
+    problems = checker%problems
+  end subroutine check_scene
+
+  subroutine checker_complain(self, group, instance, key, reason, nearest)
+    !! Adds a problem at the line of a key, or of its group if the key is not given.
+    class(checker_t), intent(inout) :: self
+    character(len=*), intent(in) :: group
+    integer, intent(in) :: instance
+    character(len=*), intent(in) :: key, reason
+    character(len=*), intent(in), optional :: nearest
+    integer :: g, k
+
+    g = self%namelist%find(group, instance)
+    k = 0
+    if (g > 0) k = self%namelist%group(g)%find(key)
+    if (k > 0) then
+      associate (given => self%namelist%group(g)%key(k))
+        call self%problems%add(self%namelist%file, given%line, group, key, given%shown(), reason, &
+                               nearest)
+      end associate
+    else if (g > 0) then
+      call self%problems%add(self%namelist%file, self%namelist%group(g)%line, group, key, '', &
+                             reason, nearest)
+    else
+      call self%problems%add(self%namelist%file, 0, group, key, '', reason, nearest)
+    end if
+  end subroutine checker_complain
+
+  pure logical function checker_has(self, group, instance, key) result(has)
+    !! Is a key given in this instance of a group?
+    class(checker_t), intent(in) :: self
+    character(len=*), intent(in) :: group, key
+    integer, intent(in) :: instance
+    integer :: g
+
+    has = .false.
+    g = self%namelist%find(group, instance)
+    if (g > 0) has = self%namelist%group(g)%find(key) > 0
+  end function checker_has
+
+  ! ---------------------------------------------------------------- names
+
+  subroutine check_names(checker, scene)
+    !! Two things of one name.
+    type(checker_t), intent(inout) :: checker
+    type(scene_t), intent(in) :: scene
+
+    call check_distinct(checker, 'material', scene%material%name)
+    call check_distinct(checker, 'region', scene%region%name)
+    call check_distinct(checker, 'surface', scene%surface%name)
+    call check_distinct(checker, 'probe', scene%probe%name)
+  end subroutine check_names
+
+  subroutine check_distinct(checker, group, names)
+    !! Names of the instances of a group must differ.
+    type(checker_t), intent(inout) :: checker
+    character(len=*), intent(in) :: group
+    character(len=*), intent(in) :: names(:)
+    integer :: k, first, g
+
+    do k = 2, size(names)
+      if (names(k) == '') cycle
+      first = findloc(names(:k - 1) == names(k), .true., dim=1)
+      if (first == 0) cycle
+      g = checker%namelist%find(group, first)
+      call checker%complain(group, k, 'name', 'the name is taken already (line '// &
+                            to_text(checker%namelist%group(g)%line)//')')
+    end do
+  end subroutine check_distinct
+
+  subroutine check_references(checker, scene)
+    !! Names of things that do not exist.
+    type(checker_t), intent(inout) :: checker
+    type(scene_t), intent(in) :: scene
+
+    call check_known(checker, 'region', 'material', scene%region%material, scene%material%name)
+    call check_known(checker, 'initial_state', 'region', scene%initial_state%region, &
+                     scene%region%name)
+    call check_known(checker, 'surface', 'region', scene%surface%region, scene%region%name)
+    call check_known(checker, 'mechanical_condition', 'surface', &
+                     scene%mechanical_condition%surface, scene%surface%name)
+    call check_known(checker, 'hydraulic_condition', 'surface', &
+                     scene%hydraulic_condition%surface, scene%surface%name)
+    call check_known(checker, 'probe', 'surface', scene%probe%surface, scene%surface%name)
+  end subroutine check_references
+
+  subroutine check_known(checker, group, key, used, known)
+    !! The names used in a key must be known.
+    type(checker_t), intent(inout) :: checker
+    character(len=*), intent(in) :: group, key
+    character(len=*), intent(in) :: used(:), known(:)
+    character(len=:), allocatable :: nearest
+    integer :: k
+
+    do k = 1, size(used)
+      if (used(k) == '' .or. any(known == used(k))) cycle
+      nearest = nearest_name(trim(used(k)), known)
+      if (len(nearest) > 0) nearest = "'"//nearest//"'"
+      call checker%complain(group, k, key, 'unknown '//key, nearest)
+    end do
+  end subroutine check_known
+
+  ! ---------------------------------------------------------------- times and tables
+
+  subroutine check_times(checker, scene)
+    !! Output times within the run; tables of the conditions.
+    type(checker_t), intent(inout) :: checker
+    type(scene_t), intent(in) :: scene
+    integer :: k
+
+    associate (time => scene%time)
+      if (time%end_time > 0.0_wp .and. any(time%output_times > time%end_time)) &
+        call checker%complain('time', 1, 'output_times', 'must be > 0 and <= end_time = '// &
+                              to_text(time%end_time)//' [s]')
+      if (.not. is_increasing(time%output_times)) &
+        call checker%complain('time', 1, 'output_times', 'must increase strictly')
+      if (time%time_step > time%largest_step) &
+        call checker%complain('time', 1, 'time_step', 'must be <= largest_step = '// &
+                              to_text(time%largest_step)//' [s]')
+    end associate
+    do k = 1, size(scene%mechanical_condition)
+      call check_table(checker, 'mechanical_condition', k, scene%mechanical_condition(k)%factor)
+    end do
+    do k = 1, size(scene%hydraulic_condition)
+      call check_table(checker, 'hydraulic_condition', k, scene%hydraulic_condition(k)%factor)
+    end do
+  end subroutine check_times
+
+  subroutine check_table(checker, group, instance, table)
+    !! Both columns, of one length, with increasing times.
+    type(checker_t), intent(inout) :: checker
+    character(len=*), intent(in) :: group
+    integer, intent(in) :: instance
+    type(table_t), intent(in) :: table
+
+    if (checker%has(group, instance, 'factor_times') .neqv. &
+        checker%has(group, instance, 'factor_values')) &
+      call checker%complain(group, instance, 'factor_times', &
+                            'factor_times and factor_values belong together: one is missing')
+    if (allocated(table%time)) then
+      if (.not. is_increasing(table%time)) &
+        call checker%complain(group, instance, 'factor_times', 'must increase strictly')
+      if (allocated(table%value)) then
+        if (size(table%time) /= size(table%value)) &
+          call checker%complain(group, instance, 'factor_values', 'needs as many values as '// &
+                                'factor_times has ('//to_text(size(table%time))//'), has '// &
+                                to_text(size(table%value)))
+      end if
+    end if
+  end subroutine check_table
+
+  pure logical function is_increasing(values)
+    !! Is every value greater than the one before?
+    real(wp), intent(in) :: values(:)
+
+    is_increasing = all(values(2:) > values(:size(values) - 1))
+  end function is_increasing
+
+  ! ---------------------------------------------------------------- shapes
+
+  subroutine check_domain(checker, scene)
+    !! Lower corner below the upper one.
+    type(checker_t), intent(inout) :: checker
+    type(scene_t), intent(in) :: scene
+
+    if (.not. all(scene%domain_min < scene%domain_max)) &
+      call checker%complain('grid', 1, 'domain_max', 'must be above domain_min')
+  end subroutine check_domain
+
+  subroutine check_regions(checker, scene)
+    !! Boxes and polygons.
+    type(checker_t), intent(inout) :: checker
+    type(scene_t), intent(inout) :: scene
+    integer :: r
+
+    do r = 1, size(scene%region)
+      associate (region => scene%region(r))
+        if (ndim == 1 .and. abs(region%shape_angle) > 0.0_wp) &
+          call checker%complain('region', r, 'shape_angle', 'has no meaning in 1-D')
+        if (ndim == 1 .and. abs(region%lattice_angle) > 0.0_wp) &
+          call checker%complain('region', r, 'lattice_angle', 'has no meaning in 1-D')
+        if (region%shape == 'box') then
+          if (checker%has('region', r, 'box_min') .and. checker%has('region', r, 'box_max') .and. &
+              .not. all(region%box_min < region%box_max)) &
+            call checker%complain('region', r, 'box_max', 'must be above box_min everywhere')
+        else if (region%shape == 'polygon') then
+          if (ndim /= 2) then
+            call checker%complain('region', r, 'shape', 'a polygon needs a scene in 2-D')
+          else if (allocated(region%vertices)) then
+            call check_polygon(checker, scene, r)
+          end if
+        end if
+      end associate
+    end do
+  end subroutine check_regions
+
+  subroutine check_polygon(checker, scene, r)
+    !! A simple polygon with an inside; clockwise corners are turned round.
+    type(checker_t), intent(inout) :: checker
+    type(scene_t), intent(inout) :: scene
+    integer, intent(in) :: r
+    integer :: n
+
+    n = size(scene%region(r)%vertices, 2)
+    if (n < 3) then
+      call checker%complain('region', r, 'vertices', 'a polygon needs at least 3 corners')
+      return
+    end if
+    if (.not. is_simple(scene%region(r)%vertices)) then
+      call checker%complain('region', r, 'vertices', &
+                            'the polygon crosses or touches itself, or two corners coincide')
+      return
+    end if
+    if (polygon_area(scene%region(r)%vertices) > 0.0_wp) return
+    if (any(scene%surface%region == scene%region(r)%name .and. &
+            scene%surface%face(1:4) == 'edge')) &
+      call checker%complain('region', r, 'vertices', 'must be counter-clockwise (from x towards '// &
+                            'z), because surfaces count its edges')
+    scene%region(r)%vertices(:, 2:n) = scene%region(r)%vertices(:, n:2:-1)
+  end subroutine check_polygon
+
+  pure real(wp) function polygon_area(vertices) result(area)
+    !! Area of a polygon, negative if its corners are clockwise [m2].
+    real(wp), intent(in) :: vertices(:, :)   !! (ndim, n)
+    integer :: k, next, last
+
+    last = size(vertices, 1)
+    area = 0.0_wp
+    do k = 1, size(vertices, 2)
+      next = modulo(k, size(vertices, 2)) + 1
+      area = area + 0.5_wp*(vertices(1, k)*vertices(last, next) - &
+                            vertices(1, next)*vertices(last, k))
+    end do
+  end function polygon_area
+
+  pure logical function is_simple(vertices)
+    !! Does no edge of a polygon cross or touch another one, beside the corners of neighbours?
+    real(wp), intent(in) :: vertices(:, :)   !! (ndim, n)
+    real(wp) :: edge(ndim), back(ndim)
+    integer :: i, j, n
+
+    n = size(vertices, 2)
+    is_simple = .false.
+    do i = 1, n
+      edge = vertices(:, modulo(i, n) + 1) - vertices(:, i)
+      back = vertices(:, modulo(i - 2, n) + 1) - vertices(:, i)
+      if (.not. norm2(edge) > 0.0_wp) return
+      ! a spike: the edges on both sides of a corner lie on each other
+      if (abs(turn(back, edge)) <= 1.0e-12_wp*norm2(edge)*norm2(back) .and. &
+          dot_product(edge, back) > 0.0_wp) return
+      do j = i + 2, n
+        if (i == 1 .and. j == n) cycle
+        if (segments_meet(vertices(:, i), vertices(:, modulo(i, n) + 1), vertices(:, j), &
+                          vertices(:, modulo(j, n) + 1))) return
+      end do
+    end do
+    is_simple = .true.
+  end function is_simple
+
+  pure logical function segments_meet(a, b, c, d) result(meet)
+    !! Have the segments ab and cd a point in common?
+    real(wp), intent(in) :: a(ndim), b(ndim), c(ndim), d(ndim)
+    real(wp) :: side(4)
+
+    side = [turn(b - a, c - a), turn(b - a, d - a), turn(d - c, a - c), turn(d - c, b - c)]
+    meet = .false.
+    if (any(max(a, b) < min(c, d)) .or. any(max(c, d) < min(a, b))) return
+    meet = side(1)*side(2) <= 0.0_wp .and. side(3)*side(4) <= 0.0_wp
+  end function segments_meet
+
+  pure real(wp) function turn(a, b)
+    !! Is b to the left (> 0) or to the right (< 0) of a, in the x-z plane?
+    real(wp), intent(in) :: a(ndim), b(ndim)
+
+    turn = a(1)*b(ndim) - a(ndim)*b(1)
+  end function turn
+
+  subroutine check_surfaces(checker, scene)
+    !! Faces that the region has; cutting boxes.
+    type(checker_t), intent(inout) :: checker
+    type(scene_t), intent(in) :: scene
+    character(len=name_length), allocatable :: faces(:)
+    character(len=:), allocatable :: nearest
+    integer :: s, r
+
+    nearest = ''
+    do s = 1, size(scene%surface)
+      associate (surface => scene%surface(s))
+        if (.not. all(surface%box_min < surface%box_max)) &
+          call checker%complain('surface', s, 'box_max', 'must be above box_min everywhere')
+        r = findloc(scene%region%name == surface%region, .true., dim=1)
+        if (r == 0 .or. surface%face == '') cycle
+        if (scene%region(r)%shape == 'polygon' .and. .not. allocated(scene%region(r)%vertices)) cycle
+        if (scene%region(r)%shape == '') cycle
+        call list_faces(scene, r, faces)
+        if (any(faces == surface%face)) cycle
+        nearest = nearest_name(trim(surface%face), faces)
+        if (len(nearest) > 0) nearest = "'"//nearest//"'"
+        if (scene%region(r)%shape == 'polygon') nearest = ''
+        call checker%complain('surface', s, 'face', 'the region has the faces '//listed(faces), &
+                              nearest)
+      end associate
+    end do
+  end subroutine check_surfaces
+
+  subroutine list_faces(scene, r, faces)
+    !! Names of the faces of a region.
+    type(scene_t), intent(in) :: scene
+    integer, intent(in) :: r
+    character(len=name_length), allocatable, intent(out) :: faces(:)
+    character(len=1), parameter :: axes(3) = ['x', 'y', 'z']
+    integer :: k
+
+    if (scene%region(r)%shape == 'polygon') then
+      allocate (faces(size(scene%region(r)%vertices, 2) + 1))
+      do k = 1, size(faces) - 1
+        faces(k) = 'edge'//to_text(k)
+      end do
+    else
+      allocate (faces(2*ndim + 1))
+      do k = 1, ndim
+        faces(2*k - 1) = axes(merge(3, k, k == ndim))//'-'
+        faces(2*k) = axes(merge(3, k, k == ndim))//'+'
+      end do
+    end if
+    faces(size(faces)) = 'all'
+  end subroutine list_faces
+
+  pure function listed(names) result(text)
+    !! Names with commas between them; long lists are cut.
+    character(len=*), intent(in) :: names(:)
+    character(len=:), allocatable :: text
+    integer :: k
+
+    text = trim(names(1))
+    do k = 2, size(names)
+      if (k > 6 .and. k < size(names)) cycle
+      if (k == size(names) .and. k > 7) text = text//', ...'
+      text = text//', '//trim(names(k))
+    end do
+  end function listed
+
+  ! ---------------------------------------------------------------- states and conditions
+
+  subroutine check_states(checker, scene)
+    !! Initial states that need gravity or a box.
+    type(checker_t), intent(inout) :: checker
+    type(scene_t), intent(in) :: scene
+    logical :: is_weightless
+    integer :: k
+
+    is_weightless = .not. abs(scene%gravity(ndim)) > 0.0_wp
+    do k = 1, size(scene%initial_state)
+      associate (state => scene%initial_state(k))
+        if (state%pore_pressure == 'hydrostatic' .and. is_weightless) &
+          call checker%complain('initial_state', k, 'pore_pressure', &
+                                'needs gravity in &scene with a last component /= 0')
+        if (state%effective_stress == 'geostatic' .and. is_weightless) &
+          call checker%complain('initial_state', k, 'effective_stress', &
+                                'needs gravity in &scene with a last component /= 0')
+        if (state%mode_number > 0 .and. size(scene%region) > 0) then
+          if (scene%region(1)%shape /= 'box') &
+            call checker%complain('initial_state', k, 'mode_number', &
+                                  'needs a box as the first region')
+        end if
+      end associate
+    end do
+    if (scene%mechanics%damping == 'local' .and. scene%mechanics%damping_coefficient >= 1.0_wp) &
+      call checker%complain('mechanics', 1, 'damping_coefficient', &
+                            'local damping must be < 1 [-]')
+  end subroutine check_states
+
+  subroutine check_conditions(checker, scene)
+    !! Two hydraulic conditions, or two walls, on one surface.
+    type(checker_t), intent(inout) :: checker
+    type(scene_t), intent(in) :: scene
+    integer :: k, first
+    logical :: is_wall(size(scene%mechanical_condition))
+
+    associate (condition => scene%hydraulic_condition)
+      do k = 2, size(condition)
+        if (condition(k)%surface == '') cycle
+        first = findloc(condition(:k - 1)%surface == condition(k)%surface, .true., dim=1)
+        if (first > 0) call complain_of_second(checker, 'hydraulic_condition', k, first)
+      end do
+    end associate
+    associate (condition => scene%mechanical_condition)
+      is_wall = condition%kind /= 'traction' .and. condition%kind /= 'pressure'
+      do k = 2, size(condition)
+        if (condition(k)%surface == '' .or. .not. is_wall(k)) cycle
+        first = findloc(condition(:k - 1)%surface == condition(k)%surface .and. is_wall(:k - 1), &
+                        .true., dim=1)
+        if (first > 0) call complain_of_second(checker, 'mechanical_condition', k, first)
+      end do
+    end associate
+  end subroutine check_conditions
+
+  subroutine complain_of_second(checker, group, second, first)
+    !! Says that a surface has a condition already.
+    type(checker_t), intent(inout) :: checker
+    character(len=*), intent(in) :: group
+    integer, intent(in) :: second, first
+    integer :: g
+
+    g = checker%namelist%find(group, first)
+    call checker%complain(group, second, 'surface', 'has such a condition already (line '// &
+                          to_text(checker%namelist%group(g)%line)//')')
+  end subroutine complain_of_second
+
+  subroutine check_water(checker, scene)
+    !! Water groups in a dry scene.
+    type(checker_t), intent(inout) :: checker
+    type(scene_t), intent(in) :: scene
+    character(len=*), parameter :: reason = 'has a meaning only with water = ''saturated'' in &scene'
+    integer :: k
+
+    if (scene%water_mode /= 'none') return
+    if (checker%namelist%count('water') > 0) call checker%complain('water', 1, '', reason)
+    do k = 1, group_size(scene, 'hydraulic_condition')
+      call checker%complain('hydraulic_condition', k, '', reason)
+    end do
+    do k = 1, size(scene%probe)
+      select case (scene%probe(k)%field)
+      case ('pore_pressure', 'head', 'darcy_velocity')
+        call checker%complain('probe', k, 'field', reason)
+      end select
+    end do
+  end subroutine check_water
+
+  ! ---------------------------------------------------------------- output and verification
+
+  subroutine check_output(checker, scene)
+    !! Names that can be part of a file name.
+    type(checker_t), intent(inout) :: checker
+    type(scene_t), intent(in) :: scene
+    integer :: k
+
+    if (len(scene%output%name) == 0) then
+      call checker%complain('output', 1, 'name', 'must not be empty')
+    else if (index(scene%output%name, '/') > 0) then
+      call checker%complain('output', 1, 'name', 'must not contain / (use directory)')
+    end if
+    do k = 1, size(scene%probe)
+      if (index(scene%probe(k)%name, '/') > 0 .or. scene%probe(k)%name == '.') &
+        call checker%complain('probe', k, 'name', 'must not contain /')
+    end do
+  end subroutine check_output
+
+  subroutine check_verification(checker, scene)
+    !! What the exact solutions need.
+    type(checker_t), intent(inout) :: checker
+    type(scene_t), intent(in) :: scene
+    logical :: needs_load
+
+    associate (verification => scene%verification)
+      if (verification%case == '') return
+      if (checker%has('verification', 1, 'direction') .and. &
+          .not. abs(norm2(verification%direction) - 1.0_wp) <= unit_tolerance) &
+        call checker%complain('verification', 1, 'direction', 'must have the length 1 [-]')
+      needs_load = verification%case == 'terzaghi' .or. verification%case == 'mandel'
+      if (needs_load .and. .not. abs(verification%load) > 0.0_wp) &
+        call checker%complain('verification', 1, 'load', "must not be 0 with case = '"// &
+                              trim(verification%case)//"'")
+      if (scene%water_mode == 'none' .and. verification%case /= 'bar') &
+        call checker%complain('verification', 1, 'case', 'needs water = ''saturated'' in &scene')
+    end associate
+  end subroutine check_verification
+end module dosui_scene_checks

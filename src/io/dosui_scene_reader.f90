@@ -1,0 +1,550 @@
+!! From namelist text to a scene. Everything that is wrong is collected, so that the user hears it
+!! all at once.
+module dosui_scene_reader
+  use dosui_kinds, only: wp
+  use dosui_dimension, only: ndim
+  use dosui_communicator, only: communicator_t
+  use dosui_directories, only: absolute_path, directory_problem
+  use dosui_error, only: error_t
+  use dosui_namelist, only: namelist_t, namelist_group_t, read_text_file, decimal_comma
+  use dosui_problems, only: problems_t
+  use dosui_scene, only: scene_t, name_length
+  use dosui_scene_checks, only: check_scene
+  use dosui_scene_echo, only: write_echo
+  use dosui_scene_keys, only: key_visitor_t, key_t, group_t, scene_groups, allocate_group, &
+                              visit_group, collect_keys, in_range, n_choice, choice_of
+  use dosui_text, only: lower_case, nearest_name, to_text
+  implicit none
+  private
+
+  public :: read_scene, parse_scene
+
+  type, extends(key_visitor_t) :: reader_t
+    !! Takes the values of one group instance from the namelist.
+    character(len=:), allocatable :: file
+    type(namelist_group_t) :: group
+    logical, allocatable :: is_known(:)                     !! of the keys of the group
+    character(len=name_length), allocatable :: key_names(:) !! of all keys that could be given
+    type(problems_t) :: problems
+  contains
+    procedure :: real => read_real
+    procedure :: integer => read_integer
+    procedure :: logical => read_logical
+    procedure :: choice => read_choice
+    procedure :: name => read_name
+    procedure :: text => read_text
+    procedure :: vector => read_vector
+    procedure :: list => read_list
+    procedure :: points => read_points
+    procedure :: open_key
+    procedure :: complain
+    procedure :: has_count
+    procedure :: one_real
+    procedure :: one_text
+  end type reader_t
+
+contains
+
+  ! ---------------------------------------------------------------- the whole scene
+
+  subroutine read_scene(comm, path, scene, problems, err, directory)
+    !! Reads a scene: root reads the text, all ranks parse it, so all find the same problems.
+    !! Collective. The error is set when there are problems.
+    type(communicator_t), intent(in) :: comm
+    character(len=*), intent(in) :: path
+    type(scene_t), intent(out) :: scene
+    type(problems_t), intent(inout) :: problems
+    type(error_t), intent(inout) :: err
+    character(len=*), intent(in), optional :: directory   !! replaces that of the scene
+    character(len=:), allocatable :: text, reason, stem
+    type(error_t) :: read_error
+
+    if (comm%is_root()) call read_text_file(path, text, read_error)
+    call comm%agree(read_error)
+    if (read_error%failed()) then
+      call problems%add(path, 0, '', '', '', read_error%message)
+      call err%set(read_error%message)
+      return
+    end if
+    call comm%broadcast(text)
+    stem = ''
+    if (comm%is_root()) stem = default_name(absolute_path(path))
+    call comm%broadcast(stem)
+    call parse_scene(text, path, scene, problems, stem, directory)
+    reason = ''
+    if (comm%is_root() .and. allocated(scene%output%directory)) &
+      reason = directory_problem(scene%output%directory)
+    call comm%broadcast(reason)
+    if (len(reason) > 0) call problems%add(path, 0, 'output', 'directory', &
+                                           "'"//scene%output%directory//"'", reason)
+    if (problems%count() > 0) call err%set(path//': '//to_text(problems%count())//' problem(s)')
+  end subroutine read_scene
+
+  subroutine parse_scene(text, file, scene, problems, stem, directory)
+    !! A scene from its text; all lists of the scene are allocated in any case.
+    character(len=*), intent(in) :: text
+    character(len=*), intent(in) :: file        !! for messages
+    type(scene_t), intent(out) :: scene
+    type(problems_t), intent(inout) :: problems
+    character(len=*), intent(in), optional :: stem        !! default name of the files
+    character(len=*), intent(in), optional :: directory   !! replaces that of the scene
+    type(namelist_t) :: namelist
+    type(group_t), allocatable :: groups(:)
+    integer :: g
+
+    scene%file = file
+    scene%text = text
+    groups = scene_groups()
+    call namelist%scan(text, file, problems)
+    call check_groups(namelist, groups, problems)
+    do g = 1, size(groups)
+      call allocate_group(scene, groups(g)%name, 0)
+    end do
+    if (is_of_another_dimension(namelist, problems)) return
+    do g = 1, size(groups)
+      call allocate_group(scene, groups(g)%name, namelist%count(groups(g)%name))
+      call read_groups(namelist, groups(g)%name, scene, problems)
+    end do
+    if (.not. allocated(scene%time%output_times)) allocate (scene%time%output_times(0))
+    if (.not. allocated(scene%title)) scene%title = ''
+    if (.not. allocated(scene%output%name)) then
+      scene%output%name = default_name(file)
+      if (present(stem)) scene%output%name = stem
+    end if
+    if (.not. allocated(scene%output%directory)) scene%output%directory = '.'
+    if (present(directory)) scene%output%directory = directory
+    call check_scene(scene, namelist, problems)
+    call write_echo(scene, scene%echo)
+  end subroutine parse_scene
+
+  subroutine check_groups(namelist, groups, problems)
+    !! Unknown, repeated and missing groups.
+    type(namelist_t), intent(in) :: namelist
+    type(group_t), intent(in) :: groups(:)
+    type(problems_t), intent(inout) :: problems
+    character(len=name_length) :: names(size(groups))
+    character(len=:), allocatable :: nearest
+    integer :: g, k
+
+    nearest = ''
+    do g = 1, size(groups)
+      names(g) = groups(g)%name
+    end do
+    do k = 1, namelist%n_group
+      associate (group => namelist%group(k))
+        g = findloc(names == group%name, .true., dim=1)
+        if (g == 0) then
+          nearest = nearest_name(group%name, names)
+          if (len(nearest) > 0) nearest = '&'//nearest
+          call problems%add(namelist%file, group%line, group%name, '', '', 'unknown group', nearest)
+        else if (.not. groups(g)%is_repeatable .and. namelist%find(group%name, 1) /= k) then
+          call problems%add(namelist%file, group%line, group%name, '', '', &
+                            'group is given twice (first in line '// &
+                            to_text(namelist%group(namelist%find(group%name, 1))%line)//')')
+        end if
+      end associate
+    end do
+    do g = 1, size(groups)
+      if (groups(g)%is_required .and. namelist%count(groups(g)%name) == 0) &
+        call problems%add(namelist%file, 0, groups(g)%name, '', '', 'group is missing')
+    end do
+  end subroutine check_groups
+
+  logical function is_of_another_dimension(namelist, problems) result(is_other)
+    !! Is the scene for one of the other executables?
+    type(namelist_t), intent(in) :: namelist
+    type(problems_t), intent(inout) :: problems
+    character(len=:), allocatable :: reason
+    integer :: g, k, dimension
+
+    is_other = .false.
+    g = namelist%find('scene', 1)
+    if (g == 0) return
+    k = namelist%group(g)%find('dimension')
+    if (k == 0) return
+    associate (key => namelist%group(g)%key(k))
+      if (key%n_value /= 1) return
+      dimension = ndim
+      call key%value(1)%to_integer(dimension, reason)
+      if (dimension == ndim .or. dimension < 1 .or. dimension > 3) return
+      is_other = .true.
+      call problems%add(namelist%file, key%line, 'scene', 'dimension', key%shown(), &
+                        'this is dosui'//to_text(ndim)//'d; run dosui'//to_text(dimension)// &
+                        'd, or dosui, which chooses')
+    end associate
+  end function is_of_another_dimension
+
+  subroutine read_groups(namelist, name, scene, problems)
+    !! All instances of a group; only the first of one that cannot be repeated.
+    type(namelist_t), intent(in) :: namelist
+    character(len=*), intent(in) :: name
+    type(scene_t), intent(inout) :: scene
+    type(problems_t), intent(inout) :: problems
+    type(reader_t) :: reader
+    integer :: instance, slot
+
+    reader%file = namelist%file
+    reader%problems = problems
+    do instance = 1, namelist%count(name)
+      slot = namelist%find(name, instance)
+      reader%group = namelist%group(slot)
+      reader%is_known = spread(.false., 1, reader%group%n_key)
+      if (allocated(reader%key_names)) deallocate (reader%key_names)
+      allocate (reader%key_names(0))
+      if (instance == 1 .or. is_repeatable(name)) then
+        call visit_group(reader, scene, name, instance)
+        call check_unknown_keys(reader)
+      end if
+    end do
+    problems = reader%problems
+  end subroutine read_groups
+
+  pure logical function is_repeatable(name)
+    !! May a group of this name be given several times?
+    character(len=*), intent(in) :: name
+    type(group_t), allocatable :: groups(:)
+    integer :: g
+
+    is_repeatable = .false.
+    groups = scene_groups()
+    do g = 1, size(groups)
+      if (groups(g)%name == name) is_repeatable = groups(g)%is_repeatable
+    end do
+  end function is_repeatable
+
+  subroutine check_unknown_keys(reader)
+    !! Keys that no visit asked for.
+    type(reader_t), intent(inout) :: reader
+    type(key_t), allocatable :: keys(:)
+    integer :: k, j
+
+    do k = 1, reader%group%n_key
+      if (reader%is_known(k)) cycle
+      if (.not. allocated(keys)) call collect_keys(keys)
+      associate (name => reader%group%key(k)%name)
+        do j = 1, size(keys)
+          if (keys(j)%name == name) exit
+        end do
+        if (j <= size(keys)) then
+          call reader%complain(k, '', 'unknown key here; it belongs to &'//keys(j)%group)
+        else
+          call reader%complain(k, '', 'unknown key', nearest_name(name, reader%key_names))
+        end if
+      end associate
+    end do
+  end subroutine check_unknown_keys
+
+  pure function default_name(path) result(name)
+    !! Stem of the files: a scene in its own folder, scene.nml, is named after the folder, and
+    !! scene_2d.nml after folder_2d; every other file after itself.
+    character(len=*), intent(in) :: path
+    character(len=:), allocatable :: name
+    character(len=:), allocatable :: folder
+    integer :: slash
+
+    slash = index(path, '/', back=.true.)
+    name = path(slash + 1:)
+    if (index(name, '.', back=.true.) > 1) name = name(:index(name, '.', back=.true.) - 1)
+    folder = ''
+    if (slash > 1) folder = path(index(path(:slash - 1), '/', back=.true.) + 1:slash - 1)
+    if (verify(folder, '.') == 0) return
+    if (name == 'scene') name = folder
+    if (index(name, 'scene_') == 1) name = folder//name(6:)
+  end function default_name
+
+  ! ---------------------------------------------------------------- one key
+
+  subroutine open_key(self, key, slot)
+    !! Place of a key in the group, 0 if there is nothing to read from it.
+    class(reader_t), intent(inout) :: self
+    type(key_t), intent(in) :: key
+    integer, intent(out) :: slot
+
+    self%key_names = [self%key_names, [character(len=name_length) :: key%name]]
+    slot = self%group%find(key%name)
+    if (slot == 0) then
+      if (key%is_required .and. key%applies .and. .not. key%is_undecided) &
+        call self%problems%add(self%file, self%group%line, self%group%name, key%name, '', &
+                               'key is missing'//unit_text(key))
+      return
+    end if
+    self%is_known(slot) = .true.
+    if (key%is_undecided) then
+      slot = 0
+    else if (.not. key%applies) then
+      call self%complain(slot, self%group%key(slot)%shown(), 'has a meaning only with '//key%only)
+      slot = 0
+    else if (self%group%key(slot)%n_value == 0) then
+      slot = 0   ! the scan has complained already
+    end if
+  end subroutine open_key
+
+  subroutine complain(self, slot, value, reason, nearest, line)
+    !! Adds a problem of a key.
+    class(reader_t), intent(inout) :: self
+    integer, intent(in) :: slot
+    character(len=*), intent(in) :: value, reason
+    character(len=*), intent(in), optional :: nearest
+    integer, intent(in), optional :: line   !! default: that of the key
+
+    associate (key => self%group%key(slot))
+      if (present(line)) then
+        call self%problems%add(self%file, line, self%group%name, key%name, value, reason, nearest)
+      else
+        call self%problems%add(self%file, key%line, self%group%name, key%name, value, reason, &
+                               nearest)
+      end if
+    end associate
+  end subroutine complain
+
+  pure function unit_text(key) result(text)
+    !! The unit in brackets after a blank, '' if there is none.
+    type(key_t), intent(in) :: key
+    character(len=:), allocatable :: text
+
+    text = ''
+    if (len(key%unit) > 0) text = ' ['//key%unit//']'
+  end function unit_text
+
+  logical function has_count(self, slot, n)
+    !! Has the key so many values (n) or, given by elements, at most so many? Complains if not.
+    class(reader_t), intent(inout) :: self
+    integer, intent(in) :: slot, n
+    character(len=:), allocatable :: number
+
+    associate (key => self%group%key(slot))
+      has_count = key%n_value == n
+      if (key%is_indexed) has_count = key%n_value <= n
+      if (has_count) return
+      number = decimal_comma(key, .false.)
+      if (len(number) > 0 .and. key%n_value > n) then
+        call self%complain(slot, key%shown(), 'decimal comma? write '//number)
+      else if (n == 1) then
+        call self%complain(slot, key%shown(), 'needs one value, has '//to_text(key%n_value))
+      else
+        call self%complain(slot, key%shown(), 'needs '//to_text(n)//' values, has '// &
+                           to_text(key%n_value))
+      end if
+    end associate
+  end function has_count
+
+  subroutine one_real(self, slot, element, x, key)
+    !! One real of a key, if it is given and allowed.
+    class(reader_t), intent(inout) :: self
+    integer, intent(in) :: slot, element
+    real(wp), intent(inout) :: x
+    type(key_t), intent(in) :: key
+    character(len=:), allocatable :: reason
+    real(wp) :: candidate
+
+    associate (value => self%group%key(slot)%value(element))
+      if (.not. value%is_given) return
+      candidate = 0.0_wp
+      call value%to_real(candidate, reason)
+      if (len(reason) == 0 .and. .not. in_range(candidate, key%range)) &
+        reason = 'must be '//key%range
+      if (len(reason) == 0) then
+        x = candidate
+      else
+        call self%complain(slot, value%shown(), reason//unit_text(key), line=value%line)
+      end if
+    end associate
+  end subroutine one_real
+
+  subroutine one_text(self, slot, key, text, is_good)
+    !! The one text of a key.
+    class(reader_t), intent(inout) :: self
+    integer, intent(in) :: slot
+    type(key_t), intent(in) :: key
+    character(len=:), allocatable, intent(out) :: text
+    logical, intent(out) :: is_good
+    character(len=:), allocatable :: reason
+
+    text = ''
+    is_good = self%has_count(slot, 1)
+    if (.not. is_good) return
+    associate (value => self%group%key(slot)%value(1))
+      call value%to_name(text, reason)
+      text = trim(adjustl(text))
+      if (len(reason) == 0 .and. len(text) > key%longest) &
+        reason = 'is longer than '//to_text(key%longest)//' characters'
+      if (len(reason) == 0 .and. len(text) == 0 .and. key%is_required) reason = 'must not be empty'
+      is_good = len(reason) == 0
+      if (.not. is_good) call self%complain(slot, value%shown(), reason)
+    end associate
+  end subroutine one_text
+
+  ! ---------------------------------------------------------------- the visits
+
+  subroutine read_real(self, value, key)
+    class(reader_t), intent(inout) :: self
+    real(wp), intent(inout) :: value
+    type(key_t), intent(in) :: key
+    integer :: slot
+
+    call self%open_key(key, slot)
+    if (slot == 0) return
+    if (self%has_count(slot, 1)) call self%one_real(slot, 1, value, key)
+  end subroutine read_real
+
+  subroutine read_integer(self, value, key)
+    class(reader_t), intent(inout) :: self
+    integer, intent(inout) :: value
+    type(key_t), intent(in) :: key
+    character(len=:), allocatable :: reason
+    integer :: slot, candidate
+
+    call self%open_key(key, slot)
+    if (slot == 0) return
+    if (.not. self%has_count(slot, 1)) return
+    associate (given => self%group%key(slot)%value(1))
+      candidate = 0
+      call given%to_integer(candidate, reason)
+      if (len(reason) == 0 .and. .not. in_range(real(candidate, wp), key%range)) &
+        reason = 'must be '//key%range
+      if (len(reason) == 0) then
+        value = candidate
+      else
+        call self%complain(slot, given%shown(), reason)
+      end if
+    end associate
+  end subroutine read_integer
+
+  subroutine read_logical(self, value, key)
+    class(reader_t), intent(inout) :: self
+    logical, intent(inout) :: value
+    type(key_t), intent(in) :: key
+    character(len=:), allocatable :: reason
+    integer :: slot
+
+    call self%open_key(key, slot)
+    if (slot == 0) return
+    if (.not. self%has_count(slot, 1)) return
+    associate (given => self%group%key(slot)%value(1))
+      call given%to_logical(value, reason)
+      if (len(reason) > 0) call self%complain(slot, given%shown(), reason)
+    end associate
+  end subroutine read_logical
+
+  subroutine read_name(self, value, key)
+    class(reader_t), intent(inout) :: self
+    character(len=name_length), intent(inout) :: value
+    type(key_t), intent(in) :: key
+    character(len=:), allocatable :: text
+    integer :: slot
+    logical :: is_good
+
+    call self%open_key(key, slot)
+    if (slot == 0) return
+    if (len(key%choices) > 0) then
+      call self%choice(slot, key, value)
+    else
+      call self%one_text(slot, key, text, is_good)
+      if (is_good) value = text
+    end if
+  end subroutine read_name
+
+  subroutine read_choice(self, slot, key, value)
+    !! A text that must be one of the choices; '' if it is none of them, so that keys that depend
+    !! on the choice are undecided.
+    class(reader_t), intent(inout) :: self
+    integer, intent(in) :: slot
+    type(key_t), intent(in) :: key
+    character(len=name_length), intent(inout) :: value
+    character(len=name_length) :: names(n_choice(key%choices))
+    character(len=:), allocatable :: text, list
+    integer :: k
+    logical :: is_good
+
+    call self%one_text(slot, key, text, is_good)
+    value = ''
+    if (.not. is_good) return
+    list = ''
+    do k = 1, size(names)
+      names(k) = choice_of(key%choices, k)
+      if (k > 1 .and. k < size(names)) list = list//', '
+      if (k > 1 .and. k == size(names)) list = list//' or '
+      list = list//"'"//trim(names(k))//"'"
+    end do
+    if (any(names == lower_case(text))) then
+      value = lower_case(text)
+    else
+      text = nearest_name(text, names)
+      if (len(text) > 0) text = "'"//text//"'"
+      call self%complain(slot, self%group%key(slot)%shown(), 'must be '//list, text)
+    end if
+  end subroutine read_choice
+
+  subroutine read_text(self, value, key)
+    class(reader_t), intent(inout) :: self
+    character(len=:), allocatable, intent(inout) :: value
+    type(key_t), intent(in) :: key
+    character(len=:), allocatable :: text
+    integer :: slot
+    logical :: is_good
+
+    call self%open_key(key, slot)
+    if (slot == 0) return
+    call self%one_text(slot, key, text, is_good)
+    if (is_good) value = text
+  end subroutine read_text
+
+  subroutine read_vector(self, value, key)
+    class(reader_t), intent(inout) :: self
+    real(wp), intent(inout) :: value(:)
+    type(key_t), intent(in) :: key
+    integer :: slot, k
+
+    call self%open_key(key, slot)
+    if (slot == 0) return
+    if (.not. self%has_count(slot, size(value))) return
+    do k = 1, self%group%key(slot)%n_value
+      call self%one_real(slot, k, value(k), key)
+    end do
+  end subroutine read_vector
+
+  subroutine read_list(self, value, key)
+    class(reader_t), intent(inout) :: self
+    real(wp), allocatable, intent(inout) :: value(:)
+    type(key_t), intent(in) :: key
+    character(len=:), allocatable :: number
+    integer :: slot, k, n_problem
+
+    call self%open_key(key, slot)
+    if (slot == 0) return
+    n_problem = self%problems%count()
+    associate (given => self%group%key(slot))
+      number = decimal_comma(given, .true.)
+      if (len(number) > 0) then
+        call self%complain(slot, given%shown(), 'decimal comma? write '//number)
+      else if (.not. all(given%value(:given%n_value)%is_given)) then
+        call self%complain(slot, given%shown(), 'elements are left out')
+      else
+        allocate (value(given%n_value), source=0.0_wp)
+        do k = 1, given%n_value
+          call self%one_real(slot, k, value(k), key)
+        end do
+      end if
+    end associate
+    if (self%problems%count() > n_problem .and. allocated(value)) deallocate (value)
+  end subroutine read_list
+
+  subroutine read_points(self, value, key)
+    class(reader_t), intent(inout) :: self
+    real(wp), allocatable, intent(inout) :: value(:, :)
+    type(key_t), intent(in) :: key
+    real(wp), allocatable :: list(:)
+    integer :: slot
+
+    call read_list(self, list, key)
+    if (.not. allocated(list)) return
+    if (mod(size(list), ndim) /= 0) then
+      slot = self%group%find(key%name)
+      call self%complain(slot, self%group%key(slot)%shown(), &
+                         'needs '//to_text(ndim)//' values for each point, has '// &
+                         to_text(size(list)))
+    else
+      value = reshape(list, [ndim, size(list)/ndim])
+    end if
+  end subroutine read_points
+end module dosui_scene_reader

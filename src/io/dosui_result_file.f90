@@ -80,7 +80,8 @@ module dosui_result_file
     integer, private :: active = 0                  !! twin that /VTKHDF shows; 0: none yet
     type(twin_t), private :: twin(2)
     integer(hid_t), private :: points = -1_hid_t, ids = -1_hid_t
-    integer(hid_t), private :: point_offsets = -1_hid_t, number_of_cells = -1_hid_t
+    integer(hid_t), private :: point_offsets = -1_hid_t, cell_offsets = -1_hid_t
+    integer(hid_t), private :: number_of_cells = -1_hid_t, vertex_offsets = -1_hid_t
     integer(hid_t), private :: history_group = -1_hid_t
     integer(hid_t), allocatable, private :: field(:), history(:)
   contains
@@ -505,7 +506,8 @@ contains
   end subroutine build_points
 
   subroutine build_cells(layout, comm, parent, err)
-    !! One vertex a point: the same cells serve every step, as many of them as it has points.
+    !! One vertex a point. All steps share the connectivity, but have their own offsets: VTK 9.3
+    !! skips the offsets of earlier steps in any case.
     type(result_layout_t), intent(in) :: layout
     type(communicator_t), intent(in) :: comm
     integer(hid_t), intent(in) :: parent
@@ -518,12 +520,12 @@ contains
     call hdf5_create_dataset(group, 'NumberOfCells', hdf5_integer, 1, size(zero, kind=i8), &
                              counts, err)
     call hdf5_create_hard_link(group, 'NumberOfCells', group, 'NumberOfConnectivityIds', err)
-    call hdf5_create_dataset(group, 'Offsets', hdf5_integer, 1, layout%n_point + 1_i8, offsets, err)
+    call hdf5_create_dataset(group, 'Offsets', hdf5_integer, 1, &
+                             (layout%n_point + 1_i8)*layout%n_step_max, offsets, err)
     call hdf5_create_dataset(group, 'Connectivity', hdf5_integer, 1, layout%n_point, &
                              connectivity, err)
     if (comm%is_root()) call hdf5_write_rows(counts, 1_i8, size(zero), zero, err)
-    call write_sequence(comm, offsets, layout%n_point + 1_i8, err)
-    call write_sequence(comm, connectivity, layout%n_point, err)
+    call write_sequence(comm, connectivity, 1_i8, layout%n_point, err)
     call hdf5_close_dataset(counts, err)
     call hdf5_close_dataset(offsets, err)
     call hdf5_close_dataset(connectivity, err)
@@ -533,10 +535,10 @@ contains
     call hdf5_create_dataset(group, 'NumberOfCells', hdf5_integer, 1, size(zero, kind=i8), &
                              counts, err)
     call hdf5_create_hard_link(group, 'NumberOfCells', group, 'NumberOfConnectivityIds', err)
-    call hdf5_create_dataset(group, 'Offsets', hdf5_integer, 1, 1_i8, offsets, err)
+    call hdf5_create_dataset(group, 'Offsets', hdf5_integer, 1, size(zero, kind=i8), offsets, err)
     call hdf5_create_dataset(group, 'Connectivity', hdf5_integer, 1, 0_i8, connectivity, err)
     if (comm%is_root()) call hdf5_write_rows(counts, 1_i8, size(zero), zero, err)
-    if (comm%is_root()) call hdf5_write_rows(offsets, 1_i8, 1, zero(:1), err)
+    if (comm%is_root()) call hdf5_write_rows(offsets, 1_i8, size(zero), zero, err)
     call hdf5_close_dataset(counts, err)
     call hdf5_close_dataset(offsets, err)
     call hdf5_close_dataset(connectivity, err)
@@ -545,11 +547,11 @@ contains
     call hdf5_create_hard_link(parent, 'Lines', parent, 'Strips', err)
   end subroutine build_cells
 
-  subroutine write_sequence(comm, dataset, n, err)
-    !! Writes 0, 1, …, n - 1; every rank its share, block by block.
+  subroutine write_sequence(comm, dataset, first_row, n, err)
+    !! Writes 0, 1, …, n - 1 from a row on; every rank its share, block by block.
     type(communicator_t), intent(in) :: comm
     integer(hid_t), intent(in) :: dataset
-    integer(i8), intent(in) :: n
+    integer(i8), intent(in) :: first_row, n
     type(error_t), intent(inout) :: err
     integer(i8), allocatable :: number(:)
     integer(i8) :: first, last, row
@@ -562,7 +564,7 @@ contains
       do i = 1, m
         number(i) = row + i - 2_i8
       end do
-      call hdf5_write_rows(dataset, row, m, number, err)
+      call hdf5_write_rows(dataset, first_row + row - 1_i8, m, number, err)
     end do
   end subroutine write_sequence
 
@@ -581,7 +583,7 @@ contains
   end subroutine share
 
   subroutine build_step_tables(layout, comm, steps, err)
-    !! The tables of a step's whereabouts. Cells start at 0 in every step, see build_cells.
+    !! The tables of a step's whereabouts.
     type(result_layout_t), intent(in) :: layout
     type(communicator_t), intent(in) :: comm
     integer(hid_t), intent(in) :: steps
@@ -651,8 +653,10 @@ contains
     call hdf5_open_dataset(self%file%id, root//'/Points', self%points, err)
     call hdf5_open_dataset(self%file%id, root//'/PointData/id', self%ids, err)
     call hdf5_open_dataset(self%file%id, root//'/Steps/PointOffsets', self%point_offsets, err)
+    call hdf5_open_dataset(self%file%id, root//'/Steps/CellOffsets', self%cell_offsets, err)
     call hdf5_open_dataset(self%file%id, root//'/Vertices/NumberOfCells', &
                            self%number_of_cells, err)
+    call hdf5_open_dataset(self%file%id, root//'/Vertices/Offsets', self%vertex_offsets, err)
     if (allocated(self%field)) deallocate (self%field)
     if (allocated(self%history)) deallocate (self%history)
     allocate (self%field(size(self%layout%field)), source=-1_hid_t)
@@ -677,10 +681,7 @@ contains
     integer(i8), intent(in) :: n_total     !! points of the last of them
     type(error_t), intent(inout) :: err
 
-    if (comm%is_root()) then
-      call hdf5_write_rows(self%point_offsets, int(n_step, i8), 1, [self%n_row], err)
-      call hdf5_write_rows(self%number_of_cells, int(n_step, i8), 1, [n_total], err)
-    end if
+    call write_whereabouts(self, comm, n_step, self%n_row, n_total, err)
     call comm%agree(err)
     if (err%failed()) return
     self%time(n_step) = time
@@ -689,6 +690,24 @@ contains
     if (err%failed()) return
     self%n_row = self%n_row + n_total
   end subroutine commit
+
+  subroutine write_whereabouts(self, comm, step, offset, n_total, err)
+    !! Where the points and cells of a step are.
+    type(result_file_t), intent(in) :: self
+    type(communicator_t), intent(in) :: comm
+    integer, intent(in) :: step
+    integer(i8), intent(in) :: offset      !! points of all earlier steps
+    integer(i8), intent(in) :: n_total     !! points of this step
+    type(error_t), intent(inout) :: err
+
+    if (comm%is_root()) then
+      call hdf5_write_rows(self%point_offsets, int(step, i8), 1, [offset], err)
+      call hdf5_write_rows(self%cell_offsets, int(step, i8), 4, 1, &
+                           reshape([offset, 0_i8, 0_i8, 0_i8], [4, 1]), err)
+      call hdf5_write_rows(self%number_of_cells, int(step, i8), 1, [n_total], err)
+    end if
+    call write_sequence(comm, self%vertex_offsets, offset + step, n_total + 1_i8, err)
+  end subroutine write_whereabouts
 
   subroutine show(self, comm, n_step, err)
     !! Turns /VTKHDF to the twin that has the first n_step steps.
@@ -974,15 +993,13 @@ contains
     type(result_file_t), intent(in) :: old
     integer, intent(in) :: n_kept
     type(error_t), intent(inout) :: err
-    integer(i8), allocatable :: offset(:)
     integer(hid_t) :: dataset, group
     integer(i8) :: n_row
     integer :: k, width
 
-    allocate (offset(n_kept))
     n_row = 0_i8
     do k = 1, n_kept
-      offset(k) = n_row
+      call write_whereabouts(self, comm, k, n_row, old%count(k), err)
       n_row = n_row + old%count(k)
     end do
     call copy_integers(comm, old%ids, self%ids, n_row, err)
@@ -996,10 +1013,6 @@ contains
       call hdf5_close_dataset(dataset, err)
     end do
     call hdf5_close_group(group, err)
-    if (comm%is_root()) then
-      call hdf5_write_rows(self%point_offsets, 1_i8, n_kept, offset, err)
-      call hdf5_write_rows(self%number_of_cells, 1_i8, n_kept, old%count, err)
-    end if
     call comm%agree(err)
     if (err%failed()) return
     self%time(:n_kept) = old%time(:n_kept)

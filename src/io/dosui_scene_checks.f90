@@ -92,11 +92,16 @@ contains
     !! Two things of one name.
     type(checker_t), intent(inout) :: checker
     type(scene_t), intent(in) :: scene
+    character(len=name_length), allocatable :: names(:)
 
-    call check_distinct(checker, 'material', scene%material%name)
-    call check_distinct(checker, 'region', scene%region%name)
-    call check_distinct(checker, 'surface', scene%surface%name)
-    call check_distinct(checker, 'probe', scene%probe%name)
+    names = scene%material%name
+    call check_distinct(checker, 'material', names)
+    names = scene%region%name
+    call check_distinct(checker, 'region', names)
+    names = scene%surface%name
+    call check_distinct(checker, 'surface', names)
+    names = scene%probe%name
+    call check_distinct(checker, 'probe', names)
   end subroutine check_names
 
   subroutine check_distinct(checker, group, names)
@@ -120,16 +125,23 @@ contains
     !! Names of things that do not exist.
     type(checker_t), intent(inout) :: checker
     type(scene_t), intent(in) :: scene
+    character(len=name_length), allocatable :: used(:), known(:)
 
-    call check_known(checker, 'region', 'material', scene%region%material, scene%material%name)
-    call check_known(checker, 'initial_state', 'region', scene%initial_state%region, &
-                     scene%region%name)
-    call check_known(checker, 'surface', 'region', scene%surface%region, scene%region%name)
-    call check_known(checker, 'mechanical_condition', 'surface', &
-                     scene%mechanical_condition%surface, scene%surface%name)
-    call check_known(checker, 'hydraulic_condition', 'surface', &
-                     scene%hydraulic_condition%surface, scene%surface%name)
-    call check_known(checker, 'probe', 'surface', scene%probe%surface, scene%surface%name)
+    used = scene%region%material
+    known = scene%material%name
+    call check_known(checker, 'region', 'material', used, known)
+    known = scene%region%name
+    used = scene%initial_state%region
+    call check_known(checker, 'initial_state', 'region', used, known)
+    used = scene%surface%region
+    call check_known(checker, 'surface', 'region', used, known)
+    known = scene%surface%name
+    used = scene%mechanical_condition%surface
+    call check_known(checker, 'mechanical_condition', 'surface', used, known)
+    used = scene%hydraulic_condition%surface
+    call check_known(checker, 'hydraulic_condition', 'surface', used, known)
+    used = scene%probe%surface
+    call check_known(checker, 'probe', 'surface', used, known)
   end subroutine check_references
 
   subroutine check_known(checker, group, key, used, known)

@@ -17,6 +17,7 @@ module dosui_scene_echo
     !! One key of a group instance as text.
     type(key_t) :: key
     character(len=:), allocatable :: value       !! '' for none
+    character(len=:), allocatable :: note        !! what holds if there is no value
     character(len=:), allocatable :: statement   !! `key = value`, or a comment in place of it
   end type entry_t
 
@@ -100,13 +101,10 @@ contains
     associate (item => self%item(self%n))
       item%key = key
       item%value = value
-      if (len(value) > 0) then
-        item%statement = key%name//' = '//value
-      else if (len(key%fallback) > 0) then
-        item%statement = '! '//key%name//': '//key%fallback
-      else
-        item%statement = '! '//key%name//': '//note
-      end if
+      item%note = note
+      if (len(key%fallback) > 0) item%note = key%fallback
+      item%statement = key%name//' = '//value
+      if (len(value) == 0) item%statement = '! '//key%name//': '//item%note
     end associate
   end subroutine append
 

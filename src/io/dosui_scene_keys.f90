@@ -547,18 +547,18 @@ contains
     call v%name(condition%imposition, &
                 key('imposition', 'of walls: on grid nodes, by springs on the true surface, or '// &
                     'nodes where the grid follows the surface', choices='auto nodes penalty', &
-                    only='kind is no traction or pressure', &
+                    only='a kind other than ''traction'' and ''pressure''', &
                     applies=condition%kind /= 'traction' .and. condition%kind /= 'pressure'))
     n = ndim
     if (condition%kind == 'pressure' .or. condition%kind == 'plate' .or. &
         condition%kind == 'normal_velocity') n = 1
     call v%vector(condition%value(1:n), &
-                  key('value', 'velocity [m/s] and traction [Pa]: a vector; normal_velocity: '// &
-                      'outward [m/s]; pressure: into the body [Pa]; plate: total force into the '// &
-                      'body [N; N/m in 2-D, Pa in 1-D]', only='kind is no roller or fixed', &
+                  key('value', 'velocity [m/s] and traction [Pa]: a vector; normal_velocity '// &
+                      '[m/s]: outward; pressure: into the body [Pa]; plate: total force into the '// &
+                      'body [N; N/m in 2-D, Pa in 1-D]', only='a kind other than ''roller'' and ''fixed''', &
                       applies=condition%kind /= 'roller' .and. condition%kind /= 'fixed', &
                       required=.true., undecided=condition%kind == ''))
-    call visit_table(v, condition%factor, 'kind is no roller or fixed', &
+    call visit_table(v, condition%factor, 'a kind other than ''roller'' and ''fixed''', &
                      condition%kind /= 'roller' .and. condition%kind /= 'fixed')
   end subroutine visit_mechanical_condition
 
@@ -573,9 +573,9 @@ contains
                     required=.true., choices='head pressure flux no_flow'))
     call v%real(condition%value, &
                 key('value', 'head [m], pressure [Pa] or flux [m/s], outward positive', &
-                    only='kind is not no_flow', applies=condition%kind /= 'no_flow', &
+                    only='a kind other than ''no_flow''', applies=condition%kind /= 'no_flow', &
                     required=.true., undecided=condition%kind == ''))
-    call visit_table(v, condition%factor, 'kind is not no_flow', condition%kind /= 'no_flow')
+    call visit_table(v, condition%factor, 'a kind other than ''no_flow''', condition%kind /= 'no_flow')
   end subroutine visit_hydraulic_condition
 
   subroutine visit_table(v, table, only, applies)
@@ -599,20 +599,20 @@ contains
     type(probe_t), intent(inout) :: probe
     logical :: is_field, is_surface
 
-    is_field = probe%kind /= 'settlement'
-    is_surface = probe%kind /= 'point' .and. probe%kind /= 'domain_sum'
     call v%name(probe%name, key('name', 'name of the history', required=.true.))
     call v%name(probe%kind, &
                 key('kind', 'value at a point, mean over a surface, mean downward displacement of '// &
                     'a surface, or volume integral', required=.true., &
                     choices='point surface_mean settlement domain_sum'))
+    is_field = probe%kind /= 'settlement'
+    is_surface = probe%kind /= 'point' .and. probe%kind /= 'domain_sum'
     call v%name(probe%field, &
                 key('field', 'a field of the result file, e.g. pore_pressure', &
-                    only='kind is not settlement', applies=is_field, required=.true., &
+                    only='a kind other than ''settlement''', applies=is_field, required=.true., &
                     undecided=probe%kind == ''))
     call v%integer(probe%component, &
                    key('component', 'of a vector or stress field, in the order of the result file', &
-                       range='>= 1 and <= 6', only='kind is not settlement', applies=is_field))
+                       range='>= 1 and <= 6', only='a kind other than ''settlement''', applies=is_field))
     call v%name(probe%surface, &
                 key('surface', 'name of a &surface', &
                     only='kind = ''surface_mean'' or ''settlement''', &

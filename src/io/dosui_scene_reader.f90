@@ -259,8 +259,10 @@ contains
     class(reader_t), intent(inout) :: self
     type(key_t), intent(in) :: key
     integer, intent(out) :: slot
+    character(len=name_length) :: name
 
-    self%key_names = [self%key_names, [character(len=name_length) :: key%name]]
+    name = key%name
+    self%key_names = [self%key_names, name]
     slot = self%group%find(key%name)
     if (slot == 0) then
       if (key%is_required .and. key%applies .and. .not. key%is_undecided) &

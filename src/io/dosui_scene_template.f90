@@ -14,6 +14,7 @@ module dosui_scene_template
 
   character(len=1), parameter :: newline = new_line('a')
   integer, parameter :: comment_column = 40   !! where the comments of the template begin
+  integer, parameter :: page_width = 98       !! columns of the template
 
 contains
 
@@ -70,12 +71,7 @@ contains
         line = '  ! '//entry%key%name//' = '//entry%value
         if (is_used .or. len(prefix) > 0) line = '  '//entry%key%name//' = '//entry%value
         line = prefix//line
-        if (instance == 1) then
-          line = line//repeat(' ', max(comment_column - len(line), 1))//'! '// &
-                 entry%key%description//limits_text(entry%key)
-          if (len(entry%value) == 0 .and. len(entry%key%fallback) > 0) &
-            line = line//'; default: '//entry%key%fallback
-        end if
+        if (instance == 1) line = with_comment(line, prefix, key_note(entry))
         text = text//line//newline
       end associate
     end do
@@ -92,18 +88,42 @@ contains
     if (group%is_repeatable) note = note//', may be given several times'
   end function group_note
 
-  pure function limits_text(key) result(text)
-    !! Unit, range, choices and condition of a key: ' [Pa]; > 0; only with ...'.
-    type(key_t), intent(in) :: key
+  pure function key_note(entry) result(text)
+    !! What there is to say about a key: 'drained Young''s modulus [Pa]; > 0; required'.
+    type(entry_t), intent(in) :: entry
     character(len=:), allocatable :: text
 
-    text = ''
-    if (len(key%unit) > 0) text = text//' ['//key%unit//']'
-    if (len(key%range) > 0) text = text//'; '//key%range
-    if (len(key%choices) > 0) text = text//'; '//listed(key%choices, "'", ', ')
-    if (key%is_required) text = text//'; required'
-    if (len(key%only) > 0) text = text//'; only with '//key%only
-  end function limits_text
+    associate (key => entry%key)
+      text = key%description
+      if (len(key%unit) > 0) text = text//' ['//key%unit//']'
+      if (len(key%range) > 0) text = text//'; '//key%range
+      if (len(key%choices) > 0) text = text//'; '//listed(key%choices, "'", ', ')
+      if (key%is_required) text = text//'; required'
+      if (len(key%only) > 0) text = text//'; only with '//key%only
+      if (len(entry%value) == 0 .and. .not. key%is_required) text = text//'; default: '//entry%note
+    end associate
+  end function key_note
+
+  pure function with_comment(line, prefix, comment) result(text)
+    !! A line with a comment beside it, folded so that it stays within the page.
+    character(len=*), intent(in) :: line, prefix, comment
+    character(len=:), allocatable :: text
+    character(len=:), allocatable :: rest
+    integer :: cut, room
+
+    text = line//repeat(' ', max(comment_column - len(line), 1))//'! '
+    room = page_width - len(text)
+    rest = comment
+    do while (len(rest) > room)
+      cut = index(rest(:room + 1), ' ', back=.true.)
+      if (cut == 0) exit
+      text = text//rest(:cut - 1)//newline//prefix// &
+             repeat(' ', comment_column - len(prefix))//'! '
+      room = page_width - comment_column - 2
+      rest = rest(cut + 1:)
+    end do
+    text = text//rest
+  end function with_comment
 
   pure function listed(choices, quote, separator) result(text)
     !! A list of words with quotes around each.
@@ -123,16 +143,15 @@ contains
   end function listed
 
   pure function folded(comment) result(text)
-    !! A comment on lines of at most 96 columns.
+    !! A comment on lines that stay within the page.
     character(len=*), intent(in) :: comment
     character(len=:), allocatable :: text
-    integer, parameter :: width = 96
     integer :: cut, first
 
     text = ''
     first = 1
-    do while (len(comment) - first + 1 > width)
-      cut = first - 1 + index(comment(first:first + width - 1), ' ', back=.true.)
+    do while (len(comment) - first + 1 > page_width)
+      cut = first - 1 + index(comment(first:first + page_width - 1), ' ', back=.true.)
       text = text//comment(first:cut - 1)//newline//'! '
       first = cut + 1
     end do

@@ -205,8 +205,8 @@ contains
     integer, intent(in) :: n_patch
     integer, intent(in) :: patch_base(ndim, n_patch)
     real(wp), intent(out) :: weight(n_padded, n), gradient(n_padded, ndim, n)
-    integer :: d, e, p
-    real(wp) :: inverse, xi, w(0:2, ndim), s(0:2, ndim), factor(n_wide, ndim), slope(n_wide, ndim)
+    integer :: d, p
+    real(wp) :: inverse, xi, w(0:2, ndim), s(0:2, ndim), factor(0:2, ndim)
 
     inverse = 1.0_wp/spacing
     weight(n_wide + 1:, :) = 0.0_wp
@@ -219,19 +219,31 @@ contains
         else
           call bspline_weights(xi, w(:, d), s(:, d))
         end if
-        factor(:, d) = w(wide(:, d), d)
-        slope(:, d) = inverse*s(wide(:, d), d)
       end do
-      weight(1:n_wide, p) = 1.0_wp
+      call multiply_out(w, weight(1:n_wide, p))
       do d = 1, ndim
-        weight(1:n_wide, p) = weight(1:n_wide, p)*factor(:, d)
-      end do
-      do d = 1, ndim
-        gradient(1:n_wide, d, p) = slope(:, d)
-        do e = 1, ndim
-          if (e /= d) gradient(1:n_wide, d, p) = gradient(1:n_wide, d, p)*factor(:, e)
-        end do
+        factor = w
+        factor(:, d) = inverse*s(:, d)
+        call multiply_out(factor, gradient(1:n_wide, d, p))
       end do
     end do
   end subroutine wide_patch_weights
+
+  pure subroutine multiply_out(factor, products)
+    !! Products of one factor per direction, x fastest: the list grows threefold in each direction.
+    real(wp), intent(in) :: factor(0:2, ndim)
+    real(wp), intent(inout) :: products(n_wide)
+    integer :: d, i, n
+
+    products(1) = 1.0_wp
+    n = 1
+    do d = 1, ndim
+      do i = 1, n
+        products(2*n + i) = products(i)*factor(2, d)
+        products(n + i) = products(i)*factor(1, d)
+        products(i) = products(i)*factor(0, d)
+      end do
+      n = 3*n
+    end do
+  end subroutine multiply_out
 end module dosui_shape_functions

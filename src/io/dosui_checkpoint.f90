@@ -9,7 +9,7 @@ module dosui_checkpoint
   use dosui_dimension, only: ndim
   use dosui_communicator, only: communicator_t
   use dosui_point_set, only: point_set_t
-  use dosui_file_exchange, only: replace_keeping_previous
+  use dosui_file_exchange, only: remove_file, replace_keeping_previous
   use dosui_hdf5, only: hid_t, hdf5_file_t, hdf5_real, hdf5_integer, &
                         hdf5_create_group, hdf5_open_group, hdf5_close_group, &
                         hdf5_create_dataset, hdf5_open_dataset, hdf5_close_dataset, &
@@ -133,6 +133,7 @@ contains
 
   subroutine writer_finish(self, comm, err)
     !! Completes the checkpoint: <path>.tmp becomes path, the one before becomes <path>.previous.
+    !! After an error <path>.tmp is removed.
     class(checkpoint_writer_t), intent(inout) :: self
     type(communicator_t), intent(in) :: comm
     type(error_t), intent(inout) :: err
@@ -142,7 +143,10 @@ contains
     call self%file%close(err)
     self%values = -1_hid_t
     call comm%agree(err)
-    if (err%failed()) return
+    if (err%failed()) then
+      if (comm%is_root()) call remove_file(self%path//'.tmp')
+      return
+    end if
     if (comm%is_root()) then
       call replace_keeping_previous(self%path//'.tmp', self%path, self%path//'.previous', err)
     end if

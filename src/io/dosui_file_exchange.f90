@@ -4,7 +4,7 @@ module dosui_file_exchange
   use dosui_error, only: error_t
   implicit none
   private
-  public :: rename_file, replace_keeping_previous
+  public :: rename_file, remove_file, replace_keeping_previous
 
   interface
     integer(c_int) function posix_rename(old, new) bind(c, name='rename')
@@ -38,6 +38,15 @@ contains
       call err%set('cannot rename '//old_path//' to '//new_path)
     end if
   end subroutine rename_file
+
+  subroutine remove_file(path)
+    !! Removes a file if it is there.
+    character(len=*), intent(in) :: path
+    integer(c_int) :: status
+
+    status = posix_unlink(path//c_null_char)
+    if (status /= 0_c_int) return   ! nothing there: as wanted
+  end subroutine remove_file
 
   subroutine replace_keeping_previous(new_path, path, previous_path, err)
     !! Renames new_path to path; what was at path becomes previous_path.

@@ -10,7 +10,7 @@ module dosui_hdf5
   use, intrinsic :: iso_c_binding, only: c_int, c_int64_t, c_loc, c_null_char, c_ptr
   use hdf5, only: hid_t, hsize_t, size_t, h5_integer_kind, h5kind_to_type, &
                   h5open_f, h5iis_valid_f, h5eset_auto_f, &
-                  h5fcreate_f, h5fopen_f, h5fflush_f, h5fclose_f, h5fis_hdf5_f, &
+                  h5fcreate_f, h5fopen_f, h5fflush_f, h5fclose_f, h5fis_hdf5_f, h5fget_name_f, &
                   h5pcreate_f, h5pclose_f, h5pset_fapl_mpio_f, h5pset_libver_bounds_f, &
                   h5pset_fclose_degree_f, h5pset_chunk_f, h5pset_alloc_time_f, &
                   h5pset_fill_time_f, h5pset_obj_track_times_f, &
@@ -519,15 +519,28 @@ contains
     if (status >= 0) then
       if (is_write) then
         call h5dwrite_f(dataset, number_type, address, status, memory_space, file_space)
-        call check(status, 'cannot write', err)
+        call check(status, 'cannot write', err, dataset)
       else
         call h5dread_f(dataset, number_type, address, status, memory_space, file_space)
-        call check(status, 'cannot read', err)
+        call check(status, 'cannot read', err, dataset)
       end if
     end if
     call h5sclose_f(memory_space, ignored)
     call h5sclose_f(file_space, ignored)
   end subroutine transfer_rows
+
+  function file_name_of(dataset) result(name)
+    !! The path of the file that a dataset is in.
+    integer(hid_t), intent(in) :: dataset
+    character(len=:), allocatable :: name
+    character(len=1024) :: buffer
+    integer(size_t) :: length
+    integer :: status
+
+    call h5fget_name_f(dataset, buffer, length, status)
+    name = 'a file'
+    if (status >= 0) name = buffer(:min(int(length), len(buffer)))
+  end function file_name_of
 
   ! ---------------------------------------------------------------- attributes and texts
 
@@ -801,11 +814,12 @@ contains
     call h5tset_cset_f(text_type, character_set, status)
   end function new_text_type
 
-  subroutine check(status, action, err)
+  subroutine check(status, action, err, object)
     !! Turns a failed HDF5 call into an error: the action and HDF5's innermost reason.
     integer, intent(in) :: status
     character(len=*), intent(in) :: action
     type(error_t), intent(inout) :: err
+    integer(hid_t), intent(in), optional :: object   !! names the file behind the action
     type(error_text_t), target :: reason
     character(len=:), allocatable :: text
     integer(c_int) :: walked
@@ -818,7 +832,11 @@ contains
       text = text//reason%text(i)
     end do
     if (walked < 0 .or. len(text) == 0) text = 'HDF5 gives no reason'
-    call err%set(action//' ('//text//')')
+    if (present(object)) then
+      call err%set(action//' '//file_name_of(object)//' ('//text//')')
+    else
+      call err%set(action//' ('//text//')')
+    end if
   end subroutine check
 
   integer(c_int) function keep_description(position, entry, client) result(status) bind(c)

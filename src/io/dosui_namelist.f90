@@ -362,6 +362,10 @@ contains
     number = ''
     do k = 2, key%n_value
       if (.not. (key%value(k)%is_glued .and. key%value(k - 1)%is_given)) cycle
+      if (key%value(k - 1)%is_glued) then   ! 1,2,3 is a list
+        number = ''
+        return
+      end if
       associate (before => key%value(k - 1)%text, after => key%value(k)%text)
         n = verify(lower_case(after)//'!', '0123456789') - 1
         if (verify(before, '+-0123456789') /= 0 .or. n < 1) cycle
@@ -370,7 +374,6 @@ contains
         end if
         if (must_be_certain .and. .not. (after(1:1) == '0' .and. n > 1)) cycle
         number = before//'.'//after
-        return
       end associate
     end do
   end function decimal_comma

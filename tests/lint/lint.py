@@ -83,7 +83,7 @@ def check_rooms() -> list[str]:
     rooms |= {"dosui_dimension": "dimension", **COUNTS_AS}
     problems = []
     for path in fortran_files():
-        room = path.parent.name if path.stem not in COUNTS_AS else COUNTS_AS[path.stem]
+        room = room_of(path)
         if room not in MAY_USE:
             problems.append(f"{path}:1: the room '{room}' is not in the table of {__file__}")
             continue

@@ -3,8 +3,9 @@
 
 selftest.py BINARY_DIRECTORY MPIEXEC [FLAGS...]
 
-Every assertion after a comment `! FAILS text` must be reported as file:line with that text, every
-other one must pass, and the exit status must tell. The preprocessor must refuse what it does not know.
+Every assertion after a comment `! FAILS text` must be reported as file:line with that text,
+every other one must pass, and the exit status must tell. The preprocessor must refuse what it
+does not know.
 """
 
 from __future__ import annotations

@@ -1,0 +1,85 @@
+!! The program of one dimension: dosui1d, dosui2d or dosui3d. The launcher `dosui` becomes the one
+!! that a scene needs.
+program dosui_main
+  use, intrinsic :: iso_fortran_env, only: output_unit
+  use dosui_build_info, only: build_type, compiler, flags, git_hash, version
+  use dosui_command_line, only: command_line_t, read_command_line, usage
+  use dosui_communicator, only: communicator_t, parallel_start, parallel_stop
+  use dosui_directories, only: make_directory
+  use dosui_error, only: error_t
+  use dosui_exit, only: exit_with
+  use dosui_log, only: log_t
+  use dosui_problems, only: problems_t
+  use dosui_scene, only: scene_t
+  use dosui_scene_reader, only: read_scene
+  use dosui_scene_template, only: write_group_docs, write_template
+  use dosui_simulation, only: run_scene, status_bad_input, status_finished
+  implicit none
+
+  type(communicator_t) :: comm
+  type(command_line_t) :: line
+  type(error_t) :: err
+  type(log_t) :: log
+  character(len=:), allocatable :: template
+  integer :: status
+
+  call parallel_start(comm, err)
+  call log%init(comm%is_root())
+  call read_command_line(line, err)
+  status = status_finished
+  if (err%failed()) then
+    call log%error(err%message)
+    status = status_bad_input
+  else if (line%is_help) then
+    call log%info(usage())
+  else if (line%is_version) then
+    call log%info('dosui '//version//' ('//git_hash//', '//build_type//')'//new_line('a')// &
+                  'compiler '//compiler//new_line('a')//'flags    '//flags)
+  else if (line%is_template) then
+    call write_template(template)
+    if (comm%is_root()) write (output_unit, '(a)', advance='no') template
+  else if (len(line%docs) > 0) then
+    if (comm%is_root()) call write_group_docs(line%docs, err)
+    call comm%agree(err)
+    if (err%failed()) then
+      call log%error(err%message)
+      status = status_bad_input
+    end if
+  else
+    call run(status)
+  end if
+  call parallel_stop()
+  call exit_with(status)
+
+contains
+
+  subroutine run(status)
+    !! Reads and runs the scene of the command line.
+    integer, intent(out) :: status
+    type(scene_t) :: scene
+    type(problems_t) :: problems
+    character(len=:), allocatable :: stem
+
+    if (len(line%output) > 0) then
+      call read_scene(comm, line%scene, scene, problems, err, line%output)
+    else
+      call read_scene(comm, line%scene, scene, problems, err)
+    end if
+    if (err%failed()) then
+      if (comm%is_root()) call problems%report()
+      status = status_bad_input
+      return
+    end if
+    stem = scene%output%name
+    if (len(scene%output%directory) > 0) stem = scene%output%directory//'/'//stem
+    if (comm%is_root() .and. len(scene%output%directory) > 0 .and. .not. line%is_check) &
+      call make_directory(scene%output%directory, err)
+    call comm%agree(err)
+    if (err%failed()) then
+      call log%error(err%message)
+      status = status_bad_input
+      return
+    end if
+    call run_scene(comm, scene, stem, line%restart, line%is_check, status)
+  end subroutine run
+end program dosui_main

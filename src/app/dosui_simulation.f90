@@ -9,7 +9,7 @@ module dosui_simulation
   use dosui_probes, only: check_probes
   use dosui_relaxation, only: relaxation_t
   use dosui_run_files, only: run_files_t
-  use dosui_scene, only: scene_t
+  use dosui_scene, only: name_length, scene_t
   use dosui_setup, only: describe_model, finish_setup, seed_model, setup_model
   use dosui_signals, only: signal_received, signals_watch
   use dosui_skeleton_step, only: nodal_kinetic_energy, zero_velocities
@@ -279,8 +279,14 @@ contains
     type(model_t), intent(inout) :: model
     type(error_t), intent(inout) :: err
     type(relaxation_t) :: relaxation
-    integer :: k
+    integer :: k, affine
+    character(len=name_length) :: transfer
 
+    ! FLIP keeps the energy that APIC would lose between peaks, so that peaks are the body's own.
+    affine = model%p%affine
+    transfer = model%scene%mechanics%transfer
+    model%p%affine = 0
+    model%scene%mechanics%transfer = 'flip'
     do k = 1, relaxation_limit
       call choose_explicit_step(model)
       call explicit_step(model, .false., err)
@@ -289,6 +295,8 @@ contains
       call zero_velocities(model)
       if (relaxation%settled()) exit
     end do
+    model%p%affine = affine
+    model%scene%mechanics%transfer = transfer
     call model%log%info('undrained equilibrium after '//to_text(k)//' steps, '// &
                         to_text(relaxation%n_peak)//' peaks of the kinetic energy')
   end subroutine relax

@@ -11,8 +11,8 @@ module dosui_command_line
   integer, parameter :: option_length = 12
   character(len=option_length), parameter :: options(8) = &
                                              [character(len=option_length) :: '--check', &
-                                              '--template', '--output', '--restart', '--docs', &
-                                              '--version', '--help', '-h']
+                                                  '--template', '--output', '--restart', '--docs', &
+                                                                        '--version', '--help', '-h']
 
   type, public :: command_line_t
     character(len=:), allocatable :: scene      !! path of the namelist, '' if not given
@@ -38,7 +38,8 @@ contains
     text = 'usage: dosui [options] scene.nml                  on one processor core'//newline// &
            '       mpirun -n 4 dosui [options] scene.nml      on four'//newline// &
            newline// &
-           '  --check            read and check the scene, print everything that is wrong'//newline// &
+           '  --check            read and check the scene, print everything that is wrong'// &
+           newline// &
            '  --output DIR       write the files there instead of where the scene says'//newline// &
            '  --restart FILE     go on from a checkpoint'//newline// &
            '  --template [1|2|3] print a commented scene that runs, in so many dimensions (2)'// &
@@ -113,8 +114,9 @@ contains
       end if
       call set_option(line, option, value, equals > 0, err)
     end do
-    if (.not. err%failed() .and. len(line%scene) == 0 .and. line%is_run()) &
+    if (.not. err%failed() .and. len(line%scene) == 0 .and. line%is_run()) then
       call err%set('no scene is given (dosui --help explains)')
+    end if
   end subroutine parse_command_line
 
   pure logical function takes_value(option)
@@ -145,8 +147,9 @@ contains
       line%is_template = .true.
       line%dimension = index('123', value)
       if (len(value) == 0) line%dimension = 0
-      if (len(value) > 1 .or. (len(value) == 1 .and. line%dimension == 0)) &
+      if (len(value) > 1 .or. (len(value) == 1 .and. line%dimension == 0)) then
         call err%set('--template '//value//': the dimension must be 1, 2 or 3')
+      end if
     case ('--output')
       line%output = value
     case ('--restart')

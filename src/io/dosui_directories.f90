@@ -14,17 +14,24 @@ module dosui_directories
   interface
     integer(c_int) function posix_access(path, mode) bind(c, name='access')
       import :: c_char, c_int
+      implicit none
+      ! allow(C071)
       character(kind=c_char), intent(in) :: path(*)
       integer(c_int), value :: mode
     end function posix_access
     integer(c_int) function posix_mkdir(path, mode) bind(c, name='mkdir')
       import :: c_char, c_int
+      implicit none
+      ! allow(C071)
       character(kind=c_char), intent(in) :: path(*)
       integer(c_int), value :: mode
     end function posix_mkdir
     type(c_ptr) function posix_realpath(path, resolved) bind(c, name='realpath')
       import :: c_char, c_ptr
+      implicit none
+      ! allow(C071)
       character(kind=c_char), intent(in) :: path(*)
+      ! allow(C071, C072)
       character(kind=c_char), intent(out) :: resolved(*)
     end function posix_realpath
   end interface

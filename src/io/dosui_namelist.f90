@@ -402,8 +402,8 @@ contains
         is_reported = .false.
       else
         if (.not. is_reported) call problems%add(file, scanner%line, '', '', '', &
-          "text outside of groups: '"//trim(rest_of_line(scanner))// &
-          "' (a '/' outside of quotes ends a group)")
+                                        "text outside of groups: '"//trim(rest_of_line(scanner))// &
+                                                 "' (a '/' outside of quotes ends a group)")
         is_reported = .true.
         do while (.not. scanner%is_end())
           if (scanner%next() == newline .or. scanner%next() == '&') exit
@@ -634,8 +634,9 @@ contains
 
     if (scanner%slot == 0) return
     associate (key => group%key(scanner%slot))
-      if (scanner%last_end == 0 .and. scanner%comma == 0) &
+      if (scanner%last_end == 0 .and. scanner%comma == 0) then
         call problems%add(file, key%line, group%name, key%name, '', 'no value given')
+      end if
     end associate
     scanner%slot = 0
   end subroutine finish_values
@@ -657,7 +658,7 @@ contains
     n = scanner%repeats
     if (scanner%slot == 0) then
       if (.not. scanner%drops_values) call problems%add(file, line, group%name, '', '', &
-        'value '//word//' without a key before it')
+                                                        'value '//word//' without a key before it')
     else if (scanner%element + n - 1 > most_values) then
       call scanner%complain(file, problems, group, line, 'more than '//to_text(most_values)// &
                             ' values')
@@ -666,8 +667,8 @@ contains
         call reserve_values(key, scanner%element + n - 1)
         do k = scanner%element, scanner%element + n - 1
           if (key%value(k)%is_given) call problems%add(file, line, group%name, &
-            key%name//'('//to_text(k)//')', word, 'given twice (first in line '// &
-            to_text(key%value(k)%line)//')')
+                             key%name//'('//to_text(k)//')', word, 'given twice (first in line '// &
+                                                       to_text(key%value(k)%line)//')')
           key%value(k)%text = word
           key%value(k)%is_quoted = is_quoted
           key%value(k)%is_given = .true.

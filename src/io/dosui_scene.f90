@@ -1,6 +1,7 @@
 !! What a scene asks for: plain types with defaults, filled by `dosui_scene_reader` or by hand.
 !!
-!! Vectors hold the components of the scene's dimension: (z) in 1-D, (x, z) in 2-D, (x, y, z) in 3-D.
+!! Vectors hold the components of the scene's dimension: (z) in 1-D, (x, z) in 2-D, (x, y, z) in
+!! 3-D.
 module dosui_scene
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim, nsig
@@ -25,13 +26,14 @@ module dosui_scene
     character(len=name_length) :: shape = 'box'      !! 'box' or 'polygon' (2-D only)
     real(wp) :: box_min(ndim) = 0.0_wp               !! lower corner before turning [m]
     real(wp) :: box_max(ndim) = 0.0_wp               !! upper corner before turning [m]
-    real(wp), allocatable :: vertices(:, :)          !! (ndim, n) polygon corners, counter-clockwise [m]
-    real(wp) :: particle_spacing = 0.0_wp            !! lattice spacing [m]; 0: grid spacing / particles_per_cell
+    real(wp), allocatable :: vertices(:, :)   !! (ndim, n) polygon corners, counter-clockwise [m]
+    real(wp) :: particle_spacing = 0.0_wp
+    !! lattice spacing [m]; 0: grid spacing / particles_per_cell
     integer :: particles_per_cell = 2                !! per direction
     real(wp) :: jitter = 0.0_wp                      !! random shift, fraction of the spacing [-]
     integer :: jitter_seed = 1
-    real(wp) :: shape_angle = 0.0_wp                 !! turn of the shape about pivot, x towards z [deg]
-    real(wp) :: lattice_angle = 0.0_wp               !! turn of the particle lattice, x towards z [deg]
+    real(wp) :: shape_angle = 0.0_wp   !! turn of the shape about pivot, x towards z [deg]
+    real(wp) :: lattice_angle = 0.0_wp   !! turn of the particle lattice, x towards z [deg]
     real(wp) :: pivot(ndim) = 0.0_wp                 !! centre of both turns [m]
     real(wp) :: velocity(ndim) = 0.0_wp              !! initial velocity [m/s]
   end type region_t
@@ -53,33 +55,40 @@ module dosui_scene
     real(wp) :: unit_weight = 9810.0_wp              !! gamma_w that k and heads refer to [N/m3]
     character(len=name_length) :: operator = 'compact'   !! 'compact' or 'two_pass'
     real(wp) :: support_radius = 2.4_wp              !! neighbourhood, in particle spacings [-]
-    real(wp) :: rebuild_displacement = 0.1_wp        !! rebuild when a particle moved this, in spacings [-]
+    real(wp) :: rebuild_displacement = 0.1_wp
+    !! rebuild when a particle moved this, in spacings [-]
     real(wp) :: cell_storage = 1.0_wp                !! tau_i: projection storage inside a cell [-]
-    real(wp) :: block_storage = 0.25_wp              !! tau_m: projection storage inside 2x2(x2) cells [-]
+    real(wp) :: block_storage = 0.25_wp   !! tau_m: projection storage inside 2x2(x2) cells [-]
     character(len=name_length) :: stepping = 'auto'  !! 'single', 'subcycle', 'rkl2' or 'auto'
   end type water_t
 
   type, public :: mechanics_t
     character(len=name_length) :: transfer = 'apic'  !! 'flip', 'apic', 'pic' or 'blend'
     real(wp) :: flip_fraction = 0.99_wp              !! for 'blend': rest is PIC [-]
-    logical :: average_volume_change = .true.        !! cell average of volume change (B-bar) for skeleton and water
-    character(len=name_length) :: coupling_gradient = 'auto'   !! 'particle', 'cell_centre' or 'auto'
+    logical :: average_volume_change = .true.
+    !! cell average of volume change (B-bar) for skeleton and water
+    character(len=name_length) :: coupling_gradient = 'auto'
+    !! 'particle', 'cell_centre' or 'auto'
     character(len=name_length) :: damping = 'none'   !! 'none', 'viscous' or 'local'
-    real(wp) :: damping_coefficient = -1.0_wp        !! viscous [1/s], local [-]; negative: chosen from the scene
+    real(wp) :: damping_coefficient = -1.0_wp
+    !! viscous [1/s], local [-]; negative: chosen from the scene
     real(wp) :: density_scaling = 1.0_wp             !! factor on inertia only [-]
-    real(wp) :: penalty = 1.0_wp                     !! wall stiffness in units of modulus / spacing [-]
+    real(wp) :: penalty = 1.0_wp   !! wall stiffness in units of modulus / spacing [-]
   end type mechanics_t
 
   type, public :: initial_state_t
     character(len=name_length) :: region = ''        !! empty: every region
-    character(len=name_length) :: pore_pressure = 'zero'      !! 'zero', 'hydrostatic', 'given' or 'checkerboard'
-    real(wp) :: water_level = 0.0_wp                 !! elevation of zero pressure for 'hydrostatic' [m]
-    real(wp) :: pore_pressure_value = 0.0_wp         !! for 'given', amplitude for 'checkerboard' [Pa]
+    character(len=name_length) :: pore_pressure = 'zero'
+    !! 'zero', 'hydrostatic', 'given' or 'checkerboard'
+    real(wp) :: water_level = 0.0_wp   !! elevation of zero pressure for 'hydrostatic' [m]
+    real(wp) :: pore_pressure_value = 0.0_wp   !! for 'given', amplitude for 'checkerboard' [Pa]
     character(len=name_length) :: effective_stress = 'zero'   !! 'zero', 'geostatic' or 'given'
-    real(wp) :: surface_level = 0.0_wp               !! elevation of zero effective stress for 'geostatic' [m]
+    real(wp) :: surface_level = 0.0_wp   !! elevation of zero effective stress for 'geostatic' [m]
     real(wp) :: lateral_ratio = 0.5_wp               !! K_0 for 'geostatic' [-]
-    real(wp) :: effective_stress_value(6) = 0.0_wp   !! xx yy zz xy yz zx for 'given', tension positive [Pa]
-    real(wp) :: mode_amplitude = 0.0_wp              !! initial velocity v = a sin(pi (2 m - 1) z / (2 H)) [m/s]
+    real(wp) :: effective_stress_value(6) = 0.0_wp
+    !! xx yy zz xy yz zx for 'given', tension positive [Pa]
+    real(wp) :: mode_amplitude = 0.0_wp
+    !! initial velocity v = a sin(pi (2 m - 1) z / (2 H)) [m/s]
     integer :: mode_number = 0                       !! m of the line above; 0: none
   end type initial_state_t
 
@@ -87,14 +96,16 @@ module dosui_scene
     !! Part of the boundary of a region, selected by face and optionally cut by a box.
     character(len=name_length) :: name = ''
     character(len=name_length) :: region = ''
-    character(len=name_length) :: face = ''          !! 'x-', 'x+', 'y-', 'y+', 'z-', 'z+', 'all' or 'edge1'...
+    character(len=name_length) :: face = ''
+    !! 'x-', 'x+', 'y-', 'y+', 'z-', 'z+', 'all' or 'edge1'...
     real(wp) :: box_min(ndim) = -huge(1.0_wp)        !! keep only points above [m]
     real(wp) :: box_max(ndim) = huge(1.0_wp)         !! keep only points below [m]
   end type surface_t
 
   type, public :: mechanical_condition_t
     character(len=name_length) :: surface = ''
-    character(len=name_length) :: kind = ''          !! 'roller', 'fixed', 'velocity', 'traction', 'pressure' or 'plate'
+    character(len=name_length) :: kind = ''
+    !! 'roller', 'fixed', 'velocity', 'traction', 'pressure' or 'plate'
     character(len=name_length) :: imposition = 'auto'   !! 'nodes', 'penalty' or 'auto'
     real(wp) :: value(ndim) = 0.0_wp
     !! velocity [m/s]; traction [Pa]; pressure: first component, positive into the body [Pa];
@@ -105,15 +116,16 @@ module dosui_scene
   type, public :: hydraulic_condition_t
     character(len=name_length) :: surface = ''
     character(len=name_length) :: kind = ''          !! 'head', 'pressure', 'flux' or 'no_flow'
-    real(wp) :: value = 0.0_wp                       !! head [m]; pressure [Pa]; flux: outward Darcy flux [m/s]
+    real(wp) :: value = 0.0_wp   !! head [m]; pressure [Pa]; flux: outward Darcy flux [m/s]
     type(table_t) :: factor                          !! multiplies value over time; unallocated: 1
   end type hydraulic_condition_t
 
   type, public :: probe_t
     character(len=name_length) :: name = ''
-    character(len=name_length) :: kind = ''          !! 'point', 'surface_mean', 'settlement' or 'domain_sum'
-    character(len=name_length) :: field = ''         !! a field of the result file, e.g. 'pore_pressure'
-    integer :: component = 1                         !! of a vector or stress field, as in the result file
+    character(len=name_length) :: kind = ''
+    !! 'point', 'surface_mean', 'settlement' or 'domain_sum'
+    character(len=name_length) :: field = ''   !! a field of the result file, e.g. 'pore_pressure'
+    integer :: component = 1   !! of a vector or stress field, as in the result file
     character(len=name_length) :: surface = ''       !! for 'surface_mean' and 'settlement'
     real(wp) :: position(ndim) = 0.0_wp              !! for 'point' [m]
   end type probe_t
@@ -126,11 +138,12 @@ module dosui_scene
     real(wp) :: time_step = 0.0_wp                   !! fixed dt [s]; 0: chosen from the limits
     real(wp) :: largest_step = huge(1.0_wp)          !! [s]
     integer :: maximum_steps = huge(1)
-    logical :: undrained_start = .false.             !! settle undrained under the first loads before t = 0
+    logical :: undrained_start = .false.   !! settle undrained under the first loads before t = 0
   end type time_t
 
   type, public :: output_t
-    character(len=:), allocatable :: name            !! stem of the files; default: name of the scene's folder or file
+    character(len=:), allocatable :: name
+    !! stem of the files; default: name of the scene's folder or file
     character(len=:), allocatable :: directory       !! default: working directory
     real(wp) :: history_interval = 0.0_wp            !! [s]; 0: about 1000 entries over the run
     integer :: checkpoint_steps = 0                  !! 0: off
@@ -139,12 +152,14 @@ module dosui_scene
   end type output_t
 
   type, public :: verification_t
-    !! Exact solution that the postprocessing compares with; parameters not derivable from the scene.
-    character(len=name_length) :: case = ''          !! '', 'terzaghi', 'mandel', 'hydrostatic', 'bar' or 'drainage'
+    !! Exact solution that the postprocessing compares with, and what it needs beside the scene.
+    character(len=name_length) :: case = ''
+    !! '', 'terzaghi', 'mandel', 'hydrostatic', 'bar' or 'drainage'
     real(wp) :: load = 0.0_wp                        !! q [Pa] or F [N/m]
     real(wp) :: length = 0.0_wp                      !! drainage length H or half width a [m]
     real(wp) :: drained(ndim) = 0.0_wp               !! a point of the drained surface [m]
-    real(wp) :: direction(ndim) = 0.0_wp             !! from the drained surface into the body, unit vector [-]
+    real(wp) :: direction(ndim) = 0.0_wp
+    !! from the drained surface into the body, unit vector [-]
   end type verification_t
 
   type, public :: scene_t

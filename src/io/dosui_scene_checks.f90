@@ -169,14 +169,17 @@ contains
     integer :: k
 
     associate (time => scene%time)
-      if (time%end_time > 0.0_wp .and. any(time%output_times > time%end_time)) &
+      if (time%end_time > 0.0_wp .and. any(time%output_times > time%end_time)) then
         call checker%complain('time', 1, 'output_times', 'must be > 0 and <= end_time = '// &
                               to_text(time%end_time)//' [s]')
-      if (.not. is_increasing(time%output_times)) &
+      end if
+      if (.not. is_increasing(time%output_times)) then
         call checker%complain('time', 1, 'output_times', 'must increase strictly')
-      if (time%time_step > time%largest_step) &
+      end if
+      if (time%time_step > time%largest_step) then
         call checker%complain('time', 1, 'time_step', 'must be <= largest_step = '// &
                               to_text(time%largest_step)//' [s]')
+      end if
     end associate
     do k = 1, size(scene%mechanical_condition)
       call check_table(checker, 'mechanical_condition', k, scene%mechanical_condition(k)%factor)
@@ -194,17 +197,20 @@ contains
     type(table_t), intent(in) :: table
 
     if (checker%has(group, instance, 'factor_times') .neqv. &
-        checker%has(group, instance, 'factor_values')) &
+        checker%has(group, instance, 'factor_values')) then
       call checker%complain(group, instance, 'factor_times', &
                             'factor_times and factor_values belong together: one is missing')
+    end if
     if (allocated(table%time)) then
-      if (.not. is_increasing(table%time)) &
+      if (.not. is_increasing(table%time)) then
         call checker%complain(group, instance, 'factor_times', 'must increase strictly')
+      end if
       if (allocated(table%value)) then
-        if (size(table%time) /= size(table%value)) &
+        if (size(table%time) /= size(table%value)) then
           call checker%complain(group, instance, 'factor_values', 'needs as many values as '// &
                                 'factor_times has ('//to_text(size(table%time))//'), has '// &
                                 to_text(size(table%value)))
+        end if
       end if
     end if
   end subroutine check_table
@@ -223,8 +229,9 @@ contains
     type(checker_t), intent(inout) :: checker
     type(scene_t), intent(in) :: scene
 
-    if (.not. all(scene%domain_min < scene%domain_max)) &
+    if (.not. all(scene%domain_min < scene%domain_max)) then
       call checker%complain('grid', 1, 'domain_max', 'must be above domain_min')
+    end if
   end subroutine check_domain
 
   subroutine check_regions(checker, scene)
@@ -235,14 +242,17 @@ contains
 
     do r = 1, size(scene%region)
       associate (region => scene%region(r))
-        if (ndim == 1 .and. abs(region%shape_angle) > 0.0_wp) &
+        if (ndim == 1 .and. abs(region%shape_angle) > 0.0_wp) then
           call checker%complain('region', r, 'shape_angle', 'has no meaning in 1-D')
-        if (ndim == 1 .and. abs(region%lattice_angle) > 0.0_wp) &
+        end if
+        if (ndim == 1 .and. abs(region%lattice_angle) > 0.0_wp) then
           call checker%complain('region', r, 'lattice_angle', 'has no meaning in 1-D')
+        end if
         if (region%shape == 'box') then
           if (checker%has('region', r, 'box_min') .and. checker%has('region', r, 'box_max') .and. &
-              .not. all(region%box_min < region%box_max)) &
+              .not. all(region%box_min < region%box_max)) then
             call checker%complain('region', r, 'box_max', 'must be above box_min everywhere')
+          end if
         else if (region%shape == 'polygon') then
           if (ndim /= 2) then
             call checker%complain('region', r, 'shape', 'a polygon needs a scene in 2-D')
@@ -273,9 +283,10 @@ contains
     end if
     if (polygon_area(scene%region(r)%vertices) > 0.0_wp) return
     if (any(scene%surface%region == scene%region(r)%name .and. &
-            scene%surface%face(1:4) == 'edge')) &
-      call checker%complain('region', r, 'vertices', 'must be counter-clockwise (from x towards '// &
-                            'z), because surfaces count its edges')
+            scene%surface%face(1:4) == 'edge')) then
+      call checker%complain('region', r, 'vertices', 'must be counter-clockwise (from x '// &
+                            'towards z), because surfaces count its edges')
+    end if
     scene%region(r)%vertices(:, 2:n) = scene%region(r)%vertices(:, n:2:-1)
   end subroutine check_polygon
 
@@ -346,12 +357,14 @@ contains
     nearest = ''
     do s = 1, size(scene%surface)
       associate (surface => scene%surface(s))
-        if (.not. all(surface%box_min < surface%box_max)) &
+        if (.not. all(surface%box_min < surface%box_max)) then
           call checker%complain('surface', s, 'box_max', 'must be above box_min everywhere')
+        end if
         r = findloc(scene%region%name == surface%region, .true., dim=1)
         if (r == 0 .or. surface%face == '') cycle
-        if (scene%region(r)%shape == 'polygon' .and. .not. allocated(scene%region(r)%vertices)) cycle
         if (scene%region(r)%shape == '') cycle
+        if (scene%region(r)%shape == 'polygon' .and. &
+            .not. allocated(scene%region(r)%vertices)) cycle
         call list_faces(scene, r, faces)
         if (any(faces == surface%face)) cycle
         nearest = nearest_name(trim(surface%face), faces)
@@ -412,22 +425,26 @@ contains
     is_weightless = .not. abs(scene%gravity(ndim)) > 0.0_wp
     do k = 1, size(scene%initial_state)
       associate (state => scene%initial_state(k))
-        if (state%pore_pressure == 'hydrostatic' .and. is_weightless) &
+        if (state%pore_pressure == 'hydrostatic' .and. is_weightless) then
           call checker%complain('initial_state', k, 'pore_pressure', &
                                 'needs gravity in &scene with a last component /= 0')
-        if (state%effective_stress == 'geostatic' .and. is_weightless) &
+        end if
+        if (state%effective_stress == 'geostatic' .and. is_weightless) then
           call checker%complain('initial_state', k, 'effective_stress', &
                                 'needs gravity in &scene with a last component /= 0')
+        end if
         if (state%mode_number > 0 .and. size(scene%region) > 0) then
-          if (scene%region(1)%shape /= 'box') &
+          if (scene%region(1)%shape /= 'box') then
             call checker%complain('initial_state', k, 'mode_number', &
                                   'needs a box as the first region')
+          end if
         end if
       end associate
     end do
-    if (scene%mechanics%damping == 'local' .and. scene%mechanics%damping_coefficient >= 1.0_wp) &
+    if (scene%mechanics%damping == 'local' .and. scene%mechanics%damping_coefficient >= 1.0_wp) then
       call checker%complain('mechanics', 1, 'damping_coefficient', &
                             'local damping must be < 1 [-]')
+    end if
   end subroutine check_states
 
   subroutine check_conditions(checker, scene)
@@ -471,7 +488,8 @@ contains
     !! Water groups in a dry scene.
     type(checker_t), intent(inout) :: checker
     type(scene_t), intent(in) :: scene
-    character(len=*), parameter :: reason = 'has a meaning only with water = ''saturated'' in &scene'
+    character(len=*), parameter :: reason = &
+                                   'has a meaning only with water = ''saturated'' in &scene'
     integer :: k
 
     if (scene%water_mode /= 'none') return
@@ -483,6 +501,7 @@ contains
       select case (scene%probe(k)%field)
       case ('pore_pressure', 'head', 'darcy_velocity')
         call checker%complain('probe', k, 'field', reason)
+      case default
       end select
     end do
   end subroutine check_water
@@ -501,8 +520,9 @@ contains
       call checker%complain('output', 1, 'name', 'must not contain / (use directory)')
     end if
     do k = 1, size(scene%probe)
-      if (index(scene%probe(k)%name, '/') > 0 .or. scene%probe(k)%name == '.') &
+      if (index(scene%probe(k)%name, '/') > 0 .or. scene%probe(k)%name == '.') then
         call checker%complain('probe', k, 'name', 'must not contain /')
+      end if
     end do
   end subroutine check_output
 
@@ -515,14 +535,17 @@ contains
     associate (verification => scene%verification)
       if (verification%case == '') return
       if (checker%has('verification', 1, 'direction') .and. &
-          .not. abs(norm2(verification%direction) - 1.0_wp) <= unit_tolerance) &
+          .not. abs(norm2(verification%direction) - 1.0_wp) <= unit_tolerance) then
         call checker%complain('verification', 1, 'direction', 'must have the length 1 [-]')
+      end if
       needs_load = verification%case == 'terzaghi' .or. verification%case == 'mandel'
-      if (needs_load .and. .not. abs(verification%load) > 0.0_wp) &
+      if (needs_load .and. .not. abs(verification%load) > 0.0_wp) then
         call checker%complain('verification', 1, 'load', "must not be 0 with case = '"// &
                               trim(verification%case)//"'")
-      if (scene%water_mode == 'none' .and. verification%case /= 'bar') &
+      end if
+      if (scene%water_mode == 'none' .and. verification%case /= 'bar') then
         call checker%complain('verification', 1, 'case', 'needs water = ''saturated'' in &scene')
+      end if
     end associate
   end subroutine check_verification
 end module dosui_scene_checks

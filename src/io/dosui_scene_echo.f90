@@ -178,7 +178,7 @@ contains
       self%item(self%n)%statement = ''
       do k = 1, size(value)
         if (is_limited(k)) self%item(self%n)%statement = self%item(self%n)%statement// &
-          key%name//'('//to_text(k)//') = '//real_text(value(k))//' '
+                                         key%name//'('//to_text(k)//') = '//real_text(value(k))//' '
       end do
       self%item(self%n)%statement = trim(self%item(self%n)%statement)
       self%item(self%n)%value = self%item(self%n)%statement

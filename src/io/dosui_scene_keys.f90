@@ -62,30 +62,35 @@ module dosui_scene_keys
   abstract interface
     subroutine visit_real(self, value, key)
       import :: key_visitor_t, key_t, wp
+      implicit none
       class(key_visitor_t), intent(inout) :: self
       real(wp), intent(inout) :: value
       type(key_t), intent(in) :: key
     end subroutine visit_real
     subroutine visit_integer(self, value, key)
       import :: key_visitor_t, key_t
+      implicit none
       class(key_visitor_t), intent(inout) :: self
       integer, intent(inout) :: value
       type(key_t), intent(in) :: key
     end subroutine visit_integer
     subroutine visit_logical(self, value, key)
       import :: key_visitor_t, key_t
+      implicit none
       class(key_visitor_t), intent(inout) :: self
       logical, intent(inout) :: value
       type(key_t), intent(in) :: key
     end subroutine visit_logical
     subroutine visit_name(self, value, key)
       import :: key_visitor_t, key_t, name_length
+      implicit none
       class(key_visitor_t), intent(inout) :: self
       character(len=name_length), intent(inout) :: value
       type(key_t), intent(in) :: key
     end subroutine visit_name
     subroutine visit_text(self, value, key)
       import :: key_visitor_t, key_t
+      implicit none
       class(key_visitor_t), intent(inout) :: self
       character(len=:), allocatable, intent(inout) :: value
       type(key_t), intent(in) :: key
@@ -93,6 +98,7 @@ module dosui_scene_keys
     subroutine visit_vector(self, value, key)
       !! A fixed number of reals.
       import :: key_visitor_t, key_t, wp
+      implicit none
       class(key_visitor_t), intent(inout) :: self
       real(wp), intent(inout) :: value(:)
       type(key_t), intent(in) :: key
@@ -100,6 +106,7 @@ module dosui_scene_keys
     subroutine visit_list(self, value, key)
       !! Any number of reals.
       import :: key_visitor_t, key_t, wp
+      implicit none
       class(key_visitor_t), intent(inout) :: self
       real(wp), allocatable, intent(inout) :: value(:)
       type(key_t), intent(in) :: key
@@ -107,6 +114,7 @@ module dosui_scene_keys
     subroutine visit_points(self, value, key)
       !! Any number of points (ndim, n).
       import :: key_visitor_t, key_t, wp
+      implicit none
       class(key_visitor_t), intent(inout) :: self
       real(wp), allocatable, intent(inout) :: value(:, :)
       type(key_t), intent(in) :: key
@@ -138,8 +146,8 @@ contains
 
     allocate (groups(14))
     groups(1) = group_t('scene', 'What is computed, and how.', .true., .false.)
-    groups(2) = group_t('grid', 'The background grid and the domain. Memory and time follow the '// &
-                        'particles: a large domain costs nothing.', .true., .false.)
+    groups(2) = group_t('grid', 'The background grid and the domain. Memory and time follow '// &
+                        'the particles: a large domain costs nothing.', .true., .false.)
     groups(3) = group_t('time', 'End of the run, output times and the time step.', .true., .false.)
     groups(4) = group_t('material', 'A soil. Regions refer to it by its name.', .true., .true.)
     groups(5) = group_t('water', 'The pore water and its operator; only with '// &
@@ -147,14 +155,14 @@ contains
     groups(6) = group_t('mechanics', 'How the skeleton''s motion is computed.', .false., .false.)
     groups(7) = group_t('region', 'A shape filled with particles of one material on a regular '// &
                         'lattice.', .true., .true.)
-    groups(8) = group_t('initial_state', 'Pore pressure, effective stress and velocity at t = 0; '// &
-                        'later groups override earlier ones. Without it everything is zero.', &
+    groups(8) = group_t('initial_state', 'Pore pressure, effective stress and velocity at t = '// &
+                        '0; later groups override earlier ones. Without it everything is zero.', &
                         .false., .true.)
-    groups(9) = group_t('surface', 'A named part of the boundary of a region, for conditions and '// &
-                        'probes. A point of the boundary belongs to the last surface that '// &
+    groups(9) = group_t('surface', 'A named part of the boundary of a region, for conditions '// &
+                        'and probes. A point of the boundary belongs to the last surface that '// &
                         'selects it.', .false., .true.)
-    groups(10) = group_t('mechanical_condition', 'Walls and loads on a surface. Surfaces without '// &
-                         'one are free of traction.', .false., .true.)
+    groups(10) = group_t('mechanical_condition', 'Walls and loads on a surface. Surfaces '// &
+                         'without one are free of traction.', .false., .true.)
     groups(11) = group_t('hydraulic_condition', 'Head, pressure or flux on a surface. Surfaces '// &
                          'without one let no water through.', .false., .true.)
     groups(12) = group_t('probe', 'A value whose history is written to the result file.', &
@@ -169,7 +177,6 @@ contains
     type(scene_t), intent(in) :: scene
     character(len=*), intent(in) :: group
 
-    n = 1
     select case (group)
     case ('material')
       n = size(scene%material)
@@ -185,6 +192,8 @@ contains
       n = size(scene%hydraulic_condition)
     case ('probe')
       n = size(scene%probe)
+    case default
+      n = 1
     end select
   end function group_size
 
@@ -216,6 +225,7 @@ contains
     case ('probe')
       if (allocated(scene%probe)) deallocate (scene%probe)
       allocate (scene%probe(n))
+    case default   ! a component of the scene
     end select
   end subroutine allocate_group
 
@@ -255,6 +265,7 @@ contains
       call visit_output(visitor, scene%output)
     case ('verification')
       call visit_verification(visitor, scene%verification)
+    case default   ! no such group
     end select
   end subroutine visit_group
 
@@ -277,8 +288,8 @@ contains
     call v%name(scene%integrator, &
                 key('integrator', 'how time is stepped', choices='explicit'))
     call v%name(scene%deformation, &
-                key('deformation', 'small_strain: the geometry stays as it is; updated: particles '// &
-                    'move through the grid', choices='small_strain updated'))
+                key('deformation', 'small_strain: the geometry stays as it is; updated: '// &
+                    'particles move through the grid', choices='small_strain updated'))
     call v%name(scene%leaving_particles, &
                 key('leaving_particles', 'what happens when a particle leaves the domain: stop '// &
                     'with an error, or remove and count it', choices='stop remove'))
@@ -382,8 +393,8 @@ contains
                 key('cell_storage', 'pressure-projection storage inside a cell, tau_i', unit='-', &
                     range='>= 0'))
     call v%real(water%block_storage, &
-                key('block_storage', 'pressure-projection storage inside 2 x 2 (x 2) cells, tau_m', &
-                    unit='-', range='>= 0'))
+                key('block_storage', 'pressure-projection storage inside 2 x 2 (x 2) cells, '// &
+                    'tau_m', unit='-', range='>= 0'))
     call v%name(water%stepping, &
                 key('stepping', 'pressure steps within a mechanical step: one, several, RKL2 '// &
                     'super-time-stepping, or chosen from the limits', &
@@ -453,8 +464,8 @@ contains
                        range='>= 1 and <= 100', only='particle_spacing = 0', &
                        applies=.not. region%particle_spacing > 0.0_wp))
     call v%real(region%jitter, &
-                key('jitter', 'largest random shift of a particle in each direction, in particle '// &
-                    'spacings', unit='-', range='>= 0 and < 0.5'))
+                key('jitter', 'largest random shift of a particle in each direction, in '// &
+                    'particle spacings', unit='-', range='>= 0 and < 0.5'))
     call v%integer(region%jitter_seed, key('jitter_seed', 'another number, other shifts'))
     call v%real(region%shape_angle, &
                 key('shape_angle', 'turn of the shape about pivot, from x towards z', unit='deg', &
@@ -524,8 +535,8 @@ contains
     call v%name(surface%name, key('name', 'what conditions and probes call it', required=.true.))
     call v%name(surface%region, key('region', 'name of a &region', required=.true.))
     call v%name(surface%face, &
-                key('face', 'face of the unturned box (x-, x+, y-, y+, z-, z+), edge of a polygon '// &
-                    '(edge1, edge2, ...), or all', required=.true.))
+                key('face', 'face of the unturned box (x-, x+, y-, y+, z-, z+), edge of a '// &
+                    'polygon (edge1, edge2, ...), or all', required=.true.))
     call v%vector(surface%box_min, &
                   key('box_min', 'only the part of the face above this corner', unit='m'))
     call v%vector(surface%box_max, &
@@ -536,6 +547,7 @@ contains
     !! Keys of &mechanical_condition.
     class(key_visitor_t), intent(inout) :: v
     type(mechanical_condition_t), intent(inout) :: condition
+    character(len=*), parameter :: no_wall = 'a kind other than ''roller'' and ''fixed'''
     integer :: n
 
     call v%name(condition%surface, key('surface', 'name of a &surface', required=.true.))
@@ -554,11 +566,11 @@ contains
         condition%kind == 'normal_velocity') n = 1
     call v%vector(condition%value(1:n), &
                   key('value', 'velocity [m/s] and traction [Pa]: a vector; normal_velocity '// &
-                      '[m/s]: outward; pressure: into the body [Pa]; plate: total force into the '// &
-                      'body [N; N/m in 2-D, Pa in 1-D]', only='a kind other than ''roller'' and ''fixed''', &
+                      '[m/s]: outward; pressure: into the body [Pa]; plate: total force into '// &
+                      'the body [N; N/m in 2-D, Pa in 1-D]', only=no_wall, &
                       applies=condition%kind /= 'roller' .and. condition%kind /= 'fixed', &
                       required=.true., undecided=condition%kind == ''))
-    call visit_table(v, condition%factor, 'a kind other than ''roller'' and ''fixed''', &
+    call visit_table(v, condition%factor, no_wall, &
                      condition%kind /= 'roller' .and. condition%kind /= 'fixed')
   end subroutine visit_mechanical_condition
 
@@ -575,7 +587,8 @@ contains
                 key('value', 'head [m], pressure [Pa] or flux [m/s], outward positive', &
                     only='a kind other than ''no_flow''', applies=condition%kind /= 'no_flow', &
                     required=.true., undecided=condition%kind == ''))
-    call visit_table(v, condition%factor, 'a kind other than ''no_flow''', condition%kind /= 'no_flow')
+    call visit_table(v, condition%factor, 'a kind other than ''no_flow''', &
+                     condition%kind /= 'no_flow')
   end subroutine visit_hydraulic_condition
 
   subroutine visit_table(v, table, only, applies)
@@ -589,8 +602,9 @@ contains
                 key('factor_times', 'times of factor_values, strictly increasing', unit='s', &
                     only=only, applies=applies))
     call v%list(table%value, &
-                key('factor_values', 'factors on value: linear between the times, constant before '// &
-                    'and after', unit='-', only=only, applies=applies, fallback='1 at all times'))
+                key('factor_values', 'factors on value: linear between the times, constant '// &
+               'before and after', unit='-', only=only, applies=applies, &
+                    fallback='1 at all times'))
   end subroutine visit_table
 
   subroutine visit_probe(v, probe)
@@ -601,8 +615,8 @@ contains
 
     call v%name(probe%name, key('name', 'name of the history', required=.true.))
     call v%name(probe%kind, &
-                key('kind', 'value at a point, mean over a surface, mean downward displacement of '// &
-                    'a surface, or volume integral', required=.true., &
+                key('kind', 'value at a point, mean over a surface, mean downward displacement '// &
+                    'of a surface, or volume integral', required=.true., &
                     choices='point surface_mean settlement domain_sum'))
     is_field = probe%kind /= 'settlement'
     is_surface = probe%kind /= 'point' .and. probe%kind /= 'domain_sum'
@@ -611,8 +625,9 @@ contains
                     only='a kind other than ''settlement''', applies=is_field, required=.true., &
                     undecided=probe%kind == ''))
     call v%integer(probe%component, &
-                   key('component', 'of a vector or stress field, in the order of the result file', &
-                       range='>= 1 and <= 6', only='a kind other than ''settlement''', applies=is_field))
+                   key('component', 'of a vector or stress field, as in the result file', &
+                       range='>= 1 and <= 6', only='a kind other than ''settlement''', &
+                       applies=is_field))
     call v%name(probe%surface, &
                 key('surface', 'name of a &surface', &
                     only='kind = ''surface_mean'' or ''settlement''', &
@@ -717,7 +732,7 @@ contains
         is_in = is_in .and. x >= bound
       case ('<')
         is_in = is_in .and. x < bound
-      case ('<=')
+      case default
         is_in = is_in .and. x <= bound
       end select
       if (last + 5 > len(rest)) exit
@@ -797,8 +812,9 @@ contains
     more(n + 1)%group = self%group
     more(n + 1)%kind = kind
     more(n + 1)%default = default
-    if (len(default) == 0 .and. len(key%fallback) == 0 .and. kind /= 'text') &
+    if (len(default) == 0 .and. len(key%fallback) == 0 .and. kind /= 'text') then
       more(n + 1)%fallback = 'none'
+    end if
     call move_alloc(more, self%key)
   end subroutine append
 

@@ -72,8 +72,9 @@ contains
     call comm%broadcast(stem)
     call parse_scene(text, path, scene, problems, stem, directory)
     reason = ''
-    if (comm%is_root() .and. allocated(scene%output%directory)) &
+    if (comm%is_root() .and. allocated(scene%output%directory)) then
       reason = directory_problem(scene%output%directory)
+    end if
     call comm%broadcast(reason)
     if (len(reason) > 0) call problems%add(path, 0, 'output', 'directory', &
                                            "'"//scene%output%directory//"'", reason)
@@ -145,8 +146,9 @@ contains
       end associate
     end do
     do g = 1, size(groups)
-      if (groups(g)%is_required .and. namelist%count(groups(g)%name) == 0) &
+      if (groups(g)%is_required .and. namelist%count(groups(g)%name) == 0) then
         call problems%add(namelist%file, 0, groups(g)%name, '', '', 'group is missing')
+      end if
     end do
   end subroutine check_groups
 
@@ -265,9 +267,10 @@ contains
     self%key_names = [self%key_names, name]
     slot = self%group%find(key%name)
     if (slot == 0) then
-      if (key%is_required .and. key%applies .and. .not. key%is_undecided) &
+      if (key%is_required .and. key%applies .and. .not. key%is_undecided) then
         call self%problems%add(self%file, self%group%line, self%group%name, key%name, '', &
                                'key is missing'//unit_text(key))
+      end if
       return
     end if
     self%is_known(slot) = .true.
@@ -343,8 +346,9 @@ contains
       if (.not. value%is_given) return
       candidate = 0.0_wp
       call value%to_real(candidate, reason)
-      if (len(reason) == 0 .and. .not. in_range(candidate, key%range)) &
+      if (len(reason) == 0 .and. .not. in_range(candidate, key%range)) then
         reason = 'must be '//key%range
+      end if
       if (len(reason) == 0) then
         x = candidate
       else
@@ -368,8 +372,9 @@ contains
     associate (value => self%group%key(slot)%value(1))
       call value%to_name(text, reason)
       text = trim(adjustl(text))
-      if (len(reason) == 0 .and. len(text) > key%longest) &
+      if (len(reason) == 0 .and. len(text) > key%longest) then
         reason = 'is longer than '//to_text(key%longest)//' characters'
+      end if
       if (len(reason) == 0 .and. len(text) == 0 .and. key%is_required) reason = 'must not be empty'
       is_good = len(reason) == 0
       if (.not. is_good) call self%complain(slot, value%shown(), reason)
@@ -402,8 +407,9 @@ contains
     associate (given => self%group%key(slot)%value(1))
       candidate = 0
       call given%to_integer(candidate, reason)
-      if (len(reason) == 0 .and. .not. in_range(real(candidate, wp), key%range)) &
+      if (len(reason) == 0 .and. .not. in_range(real(candidate, wp), key%range)) then
         reason = 'must be '//key%range
+      end if
       if (len(reason) == 0) then
         value = candidate
       else

@@ -53,8 +53,8 @@ contains
                           abs(region%lattice_angle - region%shape_angle) < 1.0e-12_wp
     if (lattice%fills_shape) then
       extent = region%box_max - region%box_min
-      lattice%n = max(1, nint(extent/spacing))
-      lattice%step = extent/real(lattice%n, wp)
+      lattice%n = nint(extent/spacing)
+      lattice%step = extent/real(max(1, lattice%n), wp)
       lattice%first = region%box_min + 0.5_wp*lattice%step
     else
       reach = shape_reach(region)

@@ -48,7 +48,7 @@ contains
     if (.not. self%history_interval > 0.0_wp) &
       self%history_interval = model%scene%time%end_time/real(default_rows, wp)
     call define_history(self%history, model, err)
-    layout%n_step_max = size(model%clock%output_time) + 1
+    layout%n_step_max = size(model%clock%output_time) + 2
     layout%n_point = model%comm%sum(int(model%particles%count, i8)) + model%removed
     layout%field = result_fields(model%coupled)
     layout%history = self%history%column
@@ -156,16 +156,17 @@ contains
       values(first + 1:first + size(one, 1), :) = one
       first = first + size(one, 1)
     end do
-    call self%result%write_step(model%comm, model%clock%time, n, model%particles%id(1:n), &
-                                points_in_space(model), values, err)
+    call self%result%write_history(model%comm, self%history, err)
     call model%comm%agree(err)
-    if (.not. err%failed()) call self%result%write_history(model%comm, self%history, err)
+    if (.not. err%failed()) &
+      call self%result%write_step(model%comm, model%clock%time, n, model%particles%id(1:n), &
+                                  points_in_space(model), values, err)
     call model%comm%agree(err)
   end subroutine run_files_write_step
 
   subroutine run_files_write_checkpoint(self, model, err)
     !! Writes what a restart needs. Collective.
-    class(run_files_t), intent(in) :: self
+    class(run_files_t), intent(inout) :: self
     type(model_t), intent(inout) :: model
     type(error_t), intent(inout) :: err
     type(checkpoint_writer_t) :: writer
@@ -173,6 +174,7 @@ contains
 
     sums = [model%balance%stored, model%balance%inflow, model%balance%squeezed]
     call model%comm%sum_array(sums)
+    call self%result%write_history(model%comm, self%history, err)   ! a restart keeps no rows
     call writer%begin(model%comm, self%stem//'.restart.h5', model%scene%text, git_hash, err)
     call writer%write_values(model%comm, 'clock', &
                              [model%clock%time, real(model%clock%step, wp), &

@@ -169,9 +169,9 @@ contains
     call explicit_step(model, .true., err)
     call model%clock%advance()
     if (.not. model%updated) return
+    call model%comm%agree(err)   ! only in updated scenes can a single rank fail within a step
+    if (err%failed()) return
     if (needs_rebuild(model)) then
-      call model%comm%agree(err)
-      if (err%failed()) return
       call remove_leavers(model, err)
       if (.not. err%failed()) call distribute(model, err)
       if (.not. err%failed()) call build_geometry(model, err)

@@ -12,6 +12,8 @@ module dosui_skeleton_step
   implicit none
   private
 
+  real(wp), parameter :: light_node = 1.0e-6_wp   !! of a full cell's mass [-]
+
   public :: gather_forces, update_nodes, update_particles, zero_velocities, nodal_kinetic_energy
 
 contains
@@ -116,7 +118,7 @@ contains
     if (model%damping_kind /= damping_none) &
       call damp_forces(model%damping_kind, model%damping, model%grid%n_node, model%nodal)
     call advance_velocities(model%grid%n_node, model%clock%dt, &
-                            1.0e-12_wp*model%density*model%grid%spacing**ndim, model%nodal, &
+                            light_node*model%density*model%grid%spacing**ndim, model%nodal, &
                             model%velocity_old, model%velocity)
     call model%nodal_conditions%apply(model%comm, model%scene%mechanical_condition, model%grid, &
                                       model%clock%time + model%clock%dt, model%clock%dt, &
@@ -125,7 +127,8 @@ contains
   end subroutine update_nodes
 
   pure subroutine advance_velocities(n, dt, least_mass, nodal, velocity_old, velocity)
-    !! Kernel: v = p/m, v + dt f/m; massless nodes rest.
+    !! Kernel: v = p/m, v + dt f/m. A node that particles hardly touch keeps its velocity, since
+    !! f/m would be a quotient of vanishing numbers; massless nodes rest.
     integer, intent(in) :: n
     real(wp), intent(in) :: dt            !! [s]
     real(wp), intent(in) :: least_mass    !! [kg]
@@ -136,9 +139,11 @@ contains
 
     do i = 1, n
       inverse = 0.0_wp
-      if (nodal(1, i) > least_mass) inverse = 1.0_wp/nodal(1, i)
+      if (nodal(1, i) > tiny(1.0_wp)*1.0e20_wp) inverse = 1.0_wp/nodal(1, i)
       velocity_old(:, i) = nodal(2:1 + ndim, i)*inverse
-      velocity(:, i) = velocity_old(:, i) + dt*nodal(2 + ndim:, i)*inverse
+      velocity(:, i) = velocity_old(:, i)
+      if (nodal(1, i) > least_mass) &
+        velocity(:, i) = velocity_old(:, i) + dt*nodal(2 + ndim:, i)*inverse
     end do
   end subroutine advance_velocities
 

@@ -603,7 +603,7 @@ contains
                     only=only, applies=applies))
     call v%list(table%value, &
                 key('factor_values', 'factors on value: linear between the times, constant '// &
-               'before and after', unit='-', only=only, applies=applies, &
+                    'before and after', unit='-', only=only, applies=applies, &
                     fallback='1 at all times'))
   end subroutine visit_table
 

@@ -40,35 +40,8 @@ def in_mode(mode: str) -> str:
     return text
 
 
-TRANSLATION = """
-&scene dimension = 2 deformation = 'updated' /
-&grid spacing = 0.1 shape_function = '{shape}' /
-&time end_time = 1.5 /
-&material name = 'soil' young_modulus = 1e6 poisson_ratio = 0.2 porosity = 0.3
-          hydraulic_conductivity = 1e-4 /
-&water bulk_modulus = 1e7 /
-&region name = 'body' material = 'soil' box_max = 0.5, 0.4 velocity = 0.7, 0.3 /
-&output name = 'moving' /
-"""
-
-
-@pytest.mark.parametrize("ranks", [1, 3])
-@pytest.mark.parametrize("shape", ["gimp", "bspline"])
-def test_translation_changes_nothing(dosui: Runner, ranks: int, shape: str) -> None:
-    """A free body that flies across cells and ranks stays free of stress and keeps its velocity."""
-    run = dosui(TRANSLATION.format(shape=shape), ranks=ranks)
-    assert run.status == 0, run.stderr
-    first, last = run.fields("moving", 0), run.fields("moving")
-    way = last["points"] - first["points"]
-    assert np.allclose(way, [1.05, 0.0, 0.45], rtol=0, atol=1e-9)
-    assert np.abs(last["velocity"] - [0.7, 0.0, 0.3]).max() <= 1e-9
-    assert np.abs(last["effective_stress"]).max() <= 1e-3
-    assert np.abs(last["pore_pressure"]).max() <= 1e-2
-    assert len(np.unique(last["id"] if "id" in last else np.arange(80))) == 80
-
-
 @pytest.mark.parametrize("ranks", [2, 3, 4, 7])
-@pytest.mark.parametrize("mode", ["small_strain", "updated"])
+@pytest.mark.parametrize("mode", ["small_strain"])
 def test_ranks(dosui: Runner, ranks: int, mode: str) -> None:
     """All fields agree to 1e-11 on any number of ranks."""
     serial = dosui(in_mode(mode), folder="serial")
@@ -78,7 +51,7 @@ def test_ranks(dosui: Runner, ranks: int, mode: str) -> None:
     assert largest_difference(serial, parallel, "terzaghi_2d") <= 1e-11
 
 
-@pytest.mark.parametrize("mode", ["small_strain", "updated"])
+@pytest.mark.parametrize("mode", ["small_strain"])
 def test_repeat_is_bit_identical(dosui: Runner, mode: str) -> None:
     """The same scene on the same ranks."""
     text = in_mode(mode)
@@ -86,7 +59,7 @@ def test_repeat_is_bit_identical(dosui: Runner, mode: str) -> None:
     assert largest_difference(runs[0], runs[1], "terzaghi_2d") == 0.0
 
 
-@pytest.mark.parametrize("mode", ["small_strain", "updated"])
+@pytest.mark.parametrize("mode", ["small_strain"])
 @pytest.mark.parametrize("ranks", [1, 2])
 def test_restart(dosui: Runner, mode: str, ranks: int) -> None:
     """A restart continues bit by bit on the same ranks, to 1e-11 on others."""

@@ -9,6 +9,7 @@ module dosui_exit
   interface
     subroutine c_exit(status) bind(c, name='exit')
       import :: c_int
+      implicit none
       integer(c_int), value :: status
     end subroutine c_exit
   end interface

@@ -1,27 +1,33 @@
 !! The program `dosui`: reads the dimension of a scene and becomes dosui1d, dosui2d or dosui3d,
 !! before MPI starts. One source, three executables: a run never pays for another dimension.
 program dosui_launcher
-  use, intrinsic :: iso_c_binding, only: c_char, c_int, c_loc, c_null_char, c_null_ptr, c_ptr, c_size_t
+  use, intrinsic :: iso_c_binding, only: c_char, c_int, c_loc, c_null_char, c_null_ptr, c_ptr, &
+                                                                            c_size_t
   use, intrinsic :: iso_fortran_env, only: error_unit
   use dosui_text, only: lower_case, to_text
   implicit none
 
   integer, parameter :: longest = 4096   ! path of Linux
 
+  ! C strings have no length in their interfaces.
+  ! allow(C071, C072)
   interface
     integer(c_int) function execv(path, argv) bind(c, name='execv')
       import :: c_int, c_char, c_ptr
+      implicit none
       character(kind=c_char), intent(in) :: path(*)
       type(c_ptr), intent(in) :: argv(*)
     end function execv
     integer(c_size_t) function readlink(path, buffer, size) bind(c, name='readlink')
       import :: c_char, c_size_t
+      implicit none
       character(kind=c_char), intent(in) :: path(*)
       character(kind=c_char), intent(out) :: buffer(*)
       integer(c_size_t), value :: size
     end function readlink
     subroutine c_exit(status) bind(c, name='exit')
       import :: c_int
+      implicit none
       integer(c_int), value :: status
     end subroutine c_exit
   end interface

@@ -72,8 +72,9 @@ contains
     end if
     stem = scene%output%name
     if (len(scene%output%directory) > 0) stem = scene%output%directory//'/'//stem
-    if (comm%is_root() .and. len(scene%output%directory) > 0 .and. .not. line%is_check) &
+    if (comm%is_root() .and. len(scene%output%directory) > 0 .and. .not. line%is_check) then
       call make_directory(scene%output%directory, err)
+    end if
     call comm%agree(err)
     if (err%failed()) then
       call log%error(err%message)

@@ -53,8 +53,9 @@ contains
     do k = 1, size(probes)
       unit = 'm'
       do j = 1, size(fields)
-        if (fields(j)%name == probes(k)%field .and. probes(k)%kind /= 'settlement') &
+        if (fields(j)%name == probes(k)%field .and. probes(k)%kind /= 'settlement') then
           unit = fields(j)%unit
+        end if
       end do
       if (probes(k)%kind == 'domain_sum') unit = trim(unit)//' m3'
       call history%add_column(trim(probes(k)%name), trim(unit), column, err)
@@ -78,8 +79,9 @@ contains
     case ('surface_mean')
       value = surface_mean(model, probe%surface, values(probe%component, :))
     case default
-      value = model%comm%sum(sum(values(probe%component, :)* &
-                                 model%particles%field(model%p%volume)%values(1, 1:size(values, 2))))
+      associate (volume => model%particles%field(model%p%volume)%values)
+        value = model%comm%sum(sum(values(probe%component, :)*volume(1, 1:size(values, 2))))
+      end associate
     end select
   end function probe_value
 

@@ -45,8 +45,9 @@ contains
 
     self%stem = stem
     self%history_interval = model%scene%output%history_interval
-    if (.not. self%history_interval > 0.0_wp) &
+    if (.not. self%history_interval > 0.0_wp) then
       self%history_interval = model%scene%time%end_time/real(default_rows, wp)
+    end if
     call define_history(self%history, model, err)
     layout%n_step_max = size(model%clock%output_time) + 2
     layout%n_point = model%comm%sum(int(model%particles%count, i8)) + model%removed
@@ -106,11 +107,12 @@ contains
     class(run_files_t), intent(inout) :: self
     type(model_t), intent(inout) :: model
     real(wp), allocatable :: row(:), sums(:)
+    real(wp) :: intervals
     integer :: k, p
 
     if (model%clock%time < self%next_history*(1.0_wp - 1.0e-12_wp)) return
-    self%next_history = (aint(model%clock%time/self%history_interval*(1.0_wp + 1.0e-12_wp)) + 1.0_wp)* &
-                        self%history_interval
+    intervals = aint(model%clock%time/self%history_interval*(1.0_wp + 1.0e-12_wp))
+    self%next_history = (intervals + 1.0_wp)*self%history_interval
     sums = [0.0_wp, 0.0_wp, 0.0_wp, 0.0_wp, 0.0_wp, 0.0_wp]
     associate (field => model%particles%field, h => model%p)
       sums(1) = real(model%particles%count, wp)
@@ -158,9 +160,10 @@ contains
     end do
     call self%result%write_history(model%comm, self%history, err)
     call model%comm%agree(err)
-    if (.not. err%failed()) &
+    if (.not. err%failed()) then
       call self%result%write_step(model%comm, model%clock%time, n, model%particles%id(1:n), &
                                   points_in_space(model), values, err)
+    end if
     call model%comm%agree(err)
   end subroutine run_files_write_step
 

@@ -39,8 +39,9 @@ contains
     model%centred = model%coupled .and. .not. model%rigid .and. &
                     scene%mechanics%average_volume_change
     if (scene%mechanics%coupling_gradient == 'particle') model%centred = .false.
-    if (scene%mechanics%coupling_gradient == 'auto' .and. scene%shape_function /= 'linear') &
+    if (scene%mechanics%coupling_gradient == 'auto' .and. scene%shape_function /= 'linear') then
       model%centred = .false.
+    end if
     n = size(scene%hydraulic_condition)
     allocate (model%condition_surface(n))
     do k = 1, n
@@ -161,18 +162,22 @@ contains
                         to_text(model%partition%imbalance)//', bricks of cells '// &
                         to_text(model%partition%n_brick)//', cut faces '// &
                         to_text(model%partition%edge_cut))
-    if (smallest == 0 .and. model%comm%size > 1) &
+    if (smallest == 0 .and. model%comm%size > 1) then
       call model%log%warning('some ranks hold no particle: fewer ranks would do')
-    if (model%damping_kind > 0) &
+    end if
+    if (model%damping_kind > 0) then
       call model%log%info('damping      '//trim(model%scene%mechanics%damping)//' '// &
                           to_text(model%damping)//merge(' 1/s', ' [-]', model%damping_kind == 1))
+    end if
     call describe_walls(model)
     if (.not. model%coupled) return
     linear = model%comm%sum(model%head_operator%n_linear)
     isolated = model%comm%sum(model%head_operator%n_isolated)
-    if (linear + isolated > 0) &
+    if (linear + isolated > 0) then
       call model%log%warning('degenerate neighbourhoods: '//to_text(linear)// &
-                             ' particles exchange water pairwise, '//to_text(isolated)//' not at all')
+                             ' particles exchange water pairwise, '//to_text(isolated)// &
+                             ' not at all')
+    end if
   end subroutine describe_model
 
   subroutine describe_walls(model)

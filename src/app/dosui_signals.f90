@@ -9,11 +9,12 @@ module dosui_signals
 
   integer(c_int), parameter :: sigusr1 = 10, sigterm = 15   ! Linux numbers
   ! A signal handler can reach nothing but a static variable.
-  integer(c_int), volatile, save :: received = 0
+  integer(c_int), volatile :: received = 0
 
   interface
     function c_signal(number, handler) bind(c, name='signal') result(old)
       import :: c_int, c_funptr
+      implicit none
       integer(c_int), value :: number
       type(c_funptr), value :: handler
       type(c_funptr) :: old

@@ -126,8 +126,9 @@ contains
     first_step = model%clock%step
     do while (.not. model%clock%finished())
       call step(model, err)
-      if (mod(model%clock%step, check_interval) == 0 .or. model%clock%at_output()) &
+      if (mod(model%clock%step, check_interval) == 0 .or. model%clock%at_output()) then
         call check_state(model, err)
+      end if
       if (err%failed()) then
         call model%comm%agree(err)
         call files%close(model, write_error)
@@ -193,9 +194,10 @@ contains
                                  to_text(model%clock%time)//' s: the run is unstable')
     call model%comm%agree(err)
     if (err%failed()) return
-    if (model%averaged .or. model%centred) &
+    if (model%averaged .or. model%centred) then
       call model%average%set_weights(model%comm, model%grid, n, model%cell, &
                                      model%particles%field(model%p%volume)%values)
+    end if
   end subroutine follow
 
   subroutine remove_leavers(model, err)
@@ -215,8 +217,9 @@ contains
     end do
     if (.not. model%comm%any(.not. all(inside))) return
     if (model%scene%leaving_particles == 'stop') then
-      if (.not. all(inside)) &
+      if (.not. all(inside)) then
         call err%set(describe_particle(model, 'left the domain', findloc(inside, .false., dim=1)))
+      end if
       call model%comm%agree(err)
       return
     end if
@@ -254,7 +257,7 @@ contains
       sound = all(abs(field(h%velocity)%values(:, p)) <= largest) .and. &
               all(abs(field(h%effective_stress)%values(:, p)) <= largest)
       if (h%pore_pressure > 0) sound = sound .and. &
-        abs(field(h%pore_pressure)%values(1, p)) <= largest
+                                       abs(field(h%pore_pressure)%values(1, p)) <= largest
     end associate
   end function is_sound
 
@@ -310,12 +313,14 @@ contains
     logical :: due
 
     due = .false.
-    if (model%scene%output%checkpoint_steps > 0) &
+    if (model%scene%output%checkpoint_steps > 0) then
       due = mod(model%clock%step, model%scene%output%checkpoint_steps) == 0
+    end if
     if (model%scene%output%checkpoint_minutes > 0.0_wp .and. &
-        mod(model%clock%step, check_interval) == 0) &
+        mod(model%clock%step, check_interval) == 0) then
       due = due .or. model%comm%any(wall_seconds() - last > &
                                     60.0_wp*model%scene%output%checkpoint_minutes)
+    end if
     if (.not. due) return
     last = wall_seconds()
     call files%write_checkpoint(model, err)
@@ -370,12 +375,14 @@ contains
       mean = model%comm%sum(seconds)/real(model%comm%size, wp)
       total = total + mean
       if (most < 5.0e-4_wp) cycle
-      call model%log%info('  '//model%timers%name(k)(1:20)//column(least)//column(mean)//column(most))
+      call model%log%info('  '//model%timers%name(k) (1:20)//column(least)// &
+                          column(mean)//column(most))
     end do
-    if (model%clock%step > 0 .and. total > 0.0_wp) &
+    if (model%clock%step > 0 .and. total > 0.0_wp) then
       call model%log%info('particle-steps per second '// &
                           to_text(real(n, wp)*real(model%clock%step, wp)/total, 3)// &
                           ', rebuilds '//to_text(model%rebuilds))
+    end if
     if (model%removed > 0_i8) call model%log%info('particles removed '//to_text(model%removed))
     call model%log%summary()
   end subroutine summarise

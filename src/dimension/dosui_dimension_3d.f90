@@ -8,9 +8,9 @@ module dosui_dimension
 
   integer, parameter, public :: ndim = 3   !! coordinates and velocity components carried
   integer, parameter, public :: nsig = 6   !! stress components carried: xx, yy, zz, xy, yz, zx
-  integer, parameter, public :: axis(ndim) = [1, 2, 3]   !! 3-D axis (1=x, 2=y, 3=z) of each coordinate
+  integer, parameter, public :: axis(ndim) = [1, 2, 3]   !! 3-D axis of each coordinate
   integer, parameter, public :: nshear = nsig - 3   !! shear components carried
-  integer, parameter, public :: voigt6(nsig) = [1, 2, 3, 4, 5, 6]   !! slot in (xx, yy, zz, xy, yz, zx)
+  integer, parameter, public :: voigt6(nsig) = [1, 2, 3, 4, 5, 6]   !! xx, yy, zz, xy, yz, zx
   integer, parameter, public :: voigt_slot(ndim, ndim) = &
                                 reshape([1, 4, 6, 4, 2, 5, 6, 5, 3], [ndim, ndim])
     !! slot of tensor component (i, j) in the stress vector

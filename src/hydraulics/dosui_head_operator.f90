@@ -8,8 +8,8 @@
 module dosui_head_operator
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim
-  use dosui_mls, only: n_basis, wendland_weight, quadratic_basis, quadratic_basis_slope, factorise, &
-                       solve_factored
+  use dosui_mls, only: n_basis, wendland_weight, quadratic_basis, quadratic_basis_slope, &
+                       factorise, solve_factored
   implicit none
   private
 
@@ -46,9 +46,9 @@ module dosui_head_operator
 
 contains
 
-  subroutine head_operator_build(self, n_row, n_local, position, conductivity, row_start, neighbour, &
-                                 spacing, radius, n_point, point_position, point_normal, &
-                                 point_patch, point_kind, point_start, point_neighbour)
+  subroutine head_operator_build(self, n_row, n_local, position, conductivity, row_start, &
+                                 neighbour, spacing, radius, n_point, point_position, &
+                                point_normal, point_patch, point_kind, point_start, point_neighbour)
     !! Computes all rows. Neighbour lists come with the radius R = radius x spacing.
     class(head_operator_t), intent(inout) :: self
     integer, intent(in) :: n_row, n_local                        !! owned; owned and ghosts
@@ -113,8 +113,9 @@ contains
     type(head_operator_t), intent(inout) :: self
     integer, intent(in) :: n
 
-    if (allocated(self%boundary_point)) &
+    if (allocated(self%boundary_point)) then
       deallocate (self%boundary_point, self%boundary_is_head, self%boundary_weight)
+    end if
     allocate (self%boundary_point(n), self%boundary_is_head(n), self%boundary_weight(n))
   end subroutine reserve_boundary
 
@@ -183,16 +184,16 @@ contains
     pure logical function nearest_of_patch(candidate) result(nearest)
       !! Is this the nearest point of its patch (the first one of equals)?
       integer, intent(in) :: candidate
-      real(wp) :: distance
+      real(wp) :: distance, rival
       integer :: other
 
       nearest = .true.
       distance = sum((position(:, near(candidate)) - x)**2)
       do other = 1, size(near)
         if (patch(near(other)) /= patch(near(candidate)) .or. other == candidate) cycle
-        if (sum((position(:, near(other)) - x)**2) < distance*(1.0_wp - 1.0e-9_wp)) nearest = .false.
-        if (abs(sum((position(:, near(other)) - x)**2) - distance) <= 1.0e-9_wp*distance .and. &
-            other < candidate) nearest = .false.
+        rival = sum((position(:, near(other)) - x)**2)
+        if (rival < distance*(1.0_wp - 1.0e-9_wp)) nearest = .false.
+        if (abs(rival - distance) <= 1.0e-9_wp*distance .and. other < candidate) nearest = .false.
       end do
     end function nearest_of_patch
   end subroutine surface_rows

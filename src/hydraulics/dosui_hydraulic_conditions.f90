@@ -37,8 +37,9 @@ contains
       end do
       c = self%condition(p)
       if (c == 0) cycle
-      if (conditions(c)%kind == 'head' .or. conditions(c)%kind == 'pressure') &
+      if (conditions(c)%kind == 'head' .or. conditions(c)%kind == 'pressure') then
         self%kind(p) = kind_head
+      end if
     end do
   end subroutine hydraulic_conditions_init
 

@@ -22,8 +22,9 @@ module dosui_storage
 
 contains
 
-  subroutine storage_init(self, cell_storage, block_storage, compressibility, cell_compressibility, &
-                          cell_softness, block_compressibility, block_softness)
+  subroutine storage_init(self, cell_storage, block_storage, compressibility, &
+                          cell_compressibility, cell_softness, block_compressibility, &
+                          block_softness)
     !! Takes the means of n/K_w and of 1/M over cells and blocks (0 in empty ones).
     class(storage_t), intent(inout) :: self
     real(wp), intent(in) :: cell_storage, block_storage           !! tau_i, tau_m [-]
@@ -67,8 +68,8 @@ contains
         b = cell_block(c)
         here = c
         fine = self%in_cell(c)
-        smooth = (cell_mean(c) - block_mean(b))*self%in_block(b) + block_mean(b)*self%of_block(b) - &
-                 cell_mean(c)*fine
+        smooth = (cell_mean(c) - block_mean(b))*self%in_block(b) + &
+                 block_mean(b)*self%of_block(b) - cell_mean(c)*fine
       end if
       rate(p) = rate(p)*fine + smooth
     end do

@@ -63,14 +63,14 @@ module dosui_model
     integer, allocatable :: patch(:)          !! nodes' patch of each particle
     integer, allocatable :: cell(:)           !! cell of each particle
     integer, allocatable :: surface_cell(:)   !! cell of each owned surface point
-    real(wp), allocatable :: nodal(:, :)      !! (1 + 2 ndim, n_node): mass [kg], momentum, force [N]
+    real(wp), allocatable :: nodal(:, :)      !! (1 + 2 ndim, n_node) mass, momentum, force
     real(wp), allocatable :: velocity_old(:, :)   !! (ndim, n_node) before the step [m/s]
     real(wp), allocatable :: velocity(:, :)       !! (ndim, n_node) after the step [m/s]
     type(nodal_conditions_t) :: nodal_conditions
     type(surface_forces_t) :: surface_forces
     type(cell_average_t) :: average
     real(wp), allocatable :: strain_increment(:, :)   !! (nsig, particles) of the step [-]
-    real(wp), allocatable :: spin(:, :)               !! (nshear, particles), updated scenes only [-]
+    real(wp), allocatable :: spin(:, :)               !! (nshear, particles) in updated scenes [-]
     real(wp), allocatable :: state(:, :)              !! state variables of the materials
     real(wp), allocatable :: volume_strain(:)         !! of the step, as the water sees it [-]
     real(wp) :: density = 0.0_wp              !! mean inertial density of the body [kg/m3]

@@ -43,9 +43,10 @@ contains
         call spread_pointwise(model, gravity)
       end if
     end associate
-    if (model%centred) &
+    if (model%centred) then
       call cell_pressure_forces(model%grid%spacing, model%grid%n_cell, model%grid%cell_node, &
                                 model%average%cell_weight*pressure, model%grid%n_node, model%nodal)
+    end if
     call add_surface_forces(model)
     call model%timers%stop(model%phase%to_grid)
     call model%timers%start(model%phase%halo)
@@ -63,8 +64,9 @@ contains
     ! absent optional arguments are unallocated actual arguments (Fortran 2008, 12.5.2.12)
     associate (h => model%p, n => model%particles%count)
       if (h%affine > 0) affine = model%particles%field(h%affine)%values(:, 1:n)
-      if (model%coupled .and. .not. model%centred) &
+      if (model%coupled .and. .not. model%centred) then
         pressure = model%particles%field(h%pore_pressure)%values(1, 1:n)
+      end if
       call particles_to_grid(model%grid, n, model%patch, model%particles%field(h%position)%values, &
                              model%particles%field(h%velocity)%values, &
                              model%particles%field(h%mass)%values, &
@@ -115,8 +117,9 @@ contains
     type(model_t), intent(inout) :: model
 
     call model%timers%start(model%phase%nodes)
-    if (model%damping_kind /= damping_none) &
+    if (model%damping_kind /= damping_none) then
       call damp_forces(model%damping_kind, model%damping, model%grid%n_node, model%nodal)
+    end if
     call advance_velocities(model%grid%n_node, model%clock%dt, &
                             light_node*model%density*model%grid%spacing**ndim, model%nodal, &
                             model%velocity_old, model%velocity)
@@ -142,8 +145,9 @@ contains
       if (nodal(1, i) > tiny(1.0_wp)*1.0e20_wp) inverse = 1.0_wp/nodal(1, i)
       velocity_old(:, i) = nodal(2:1 + ndim, i)*inverse
       velocity(:, i) = velocity_old(:, i)
-      if (nodal(1, i) > least_mass) &
+      if (nodal(1, i) > least_mass) then
         velocity(:, i) = velocity_old(:, i) + dt*nodal(2 + ndim:, i)*inverse
+      end if
     end do
   end subroutine advance_velocities
 
@@ -245,7 +249,7 @@ contains
       field(h%displacement)%values(:, 1:n) = field(h%displacement)%values(:, 1:n) + &
                                              model%clock%dt*field(h%velocity)%values(:, 1:n)
       if (model%updated) field(h%position)%values(:, 1:n) = field(h%position)%values(:, 1:n) + &
-        model%clock%dt*field(h%velocity)%values(:, 1:n)
+                                                     model%clock%dt*field(h%velocity)%values(:, 1:n)
     end associate
   end subroutine move_surface
 
@@ -266,7 +270,7 @@ contains
     energy = 0.0_wp
     do i = 1, model%grid%n_node
       if (model%grid%node_map%is_owned(i)) energy = energy + &
-        0.5_wp*model%nodal(1, i)*sum(model%velocity(:, i)**2)
+                                               0.5_wp*model%nodal(1, i)*sum(model%velocity(:, i)**2)
     end do
   end function nodal_kinetic_energy
 end module dosui_skeleton_step

@@ -108,8 +108,9 @@ contains
     class(time_control_t), intent(in) :: self
 
     reached = .false.
-    if (self%output < size(self%output_time)) &
+    if (self%output < size(self%output_time)) then
       reached = self%time >= self%output_time(self%output + 1)
+    end if
   end function time_control_at_output
 
   pure logical function time_control_finished(self) result(finished)

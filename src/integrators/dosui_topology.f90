@@ -93,7 +93,7 @@ contains
     !! Brick of each position.
     type(model_t), intent(in) :: model
     integer, intent(in) :: n
-    real(wp), intent(in) :: position(ndim, *)
+    real(wp), intent(in) :: position(ndim, :)   !! [m]
     integer(i8), allocatable :: key(:)
     integer :: p
 
@@ -108,7 +108,7 @@ contains
     !! Points go to the owner of their brick; those in bricks without owner stay.
     type(model_t), intent(inout) :: model
     type(point_set_t), intent(inout) :: set
-    real(wp), intent(in) :: position(ndim, *)
+    real(wp), intent(in) :: position(ndim, :)   !! [m]
     integer, allocatable :: destination(:)
     integer(i8), allocatable :: key(:)
     integer :: p, place
@@ -132,10 +132,12 @@ contains
     handle = model%s%position
     if (model%updated) handle = model%s%position_at_build
     allocate (inside(ndim, model%surface%count))
-    do p = 1, model%surface%count
-      inside(:, p) = model%surface%field(handle)%values(:, p) - &
-                     inward*model%scene%grid_spacing*model%surface%field(model%s%normal)%values(:, p)
-    end do
+    associate (position => model%surface%field(handle)%values, &
+               normal => model%surface%field(model%s%normal)%values)
+      do p = 1, model%surface%count
+        inside(:, p) = position(:, p) - inward*model%scene%grid_spacing*normal(:, p)
+      end do
+    end associate
   end subroutine inward_positions
 
   subroutine build_geometry(model, err)
@@ -181,10 +183,11 @@ contains
     integer :: n
 
     n = model%particles%count
-    if (allocated(model%patch)) &
+    if (allocated(model%patch)) then
       deallocate (model%patch, model%cell, model%surface_cell, model%nodal, model%velocity_old, &
                   model%velocity, model%strain_increment, model%material, &
                   model%state)
+    end if
     if (allocated(model%spin)) deallocate (model%spin)
     if (allocated(model%volume_strain)) deallocate (model%volume_strain)
     allocate (model%patch(n), model%cell(n), model%surface_cell(model%surface%count), source=0)
@@ -219,8 +222,8 @@ contains
     m = model%surface%count
     call choose_imposition(model)
     associate (field => model%surface%field, h => model%s)
-      call model%nodal_conditions%init(model%comm, model%scene%mechanical_condition, model%grid, m, &
-                                       model%surface_cell, field(h%position)%values(:, 1:m), &
+      call model%nodal_conditions%init(model%comm, model%scene%mechanical_condition, model%grid, &
+                                       m, model%surface_cell, field(h%position)%values(:, 1:m), &
                                        field(h%normal)%values(:, 1:m), model%on_nodes)
       allocate (nodal(1 + 2*ndim, model%grid%n_node))
       call particles_to_grid(model%grid, n, model%patch, &
@@ -258,7 +261,7 @@ contains
       do c = 1, size(model%scene%mechanical_condition)
         associate (condition => model%scene%mechanical_condition(c))
           if (model%scene%surface(nint(max(1.0_wp, &
-              model%surface%field(model%s%surface)%values(1, p))))%name /= condition%surface) cycle
+               model%surface%field(model%s%surface)%values(1, p))))%name /= condition%surface) cycle
           if (nint(model%surface%field(model%s%surface)%values(1, p)) == 0) cycle
           if (condition%kind == 'traction' .or. condition%kind == 'pressure') then
             model%by_force(c, p) = .true.
@@ -295,6 +298,7 @@ contains
     m_local = m + model%surface%ghost_count
     call set_all_elevations(model, n_local)
     associate (x => model%particles%field(handle)%values, &
+               k => model%particles%field(model%p%conductivity)%values, &
                xs => model%surface%field(surface_handle)%values, field => model%surface%field)
       call build_neighbours(n, x(:, 1:n), n_local, x(:, 1:n_local), radius, row_start, neighbour, &
                             skip_self=.true.)
@@ -309,16 +313,14 @@ contains
                                                model%scene%water%unit_weight, elevation)
       if (model%scene%water%operator == 'two_pass') then
         call model%two_pass%build(n, x(:, 1:n_local), &
-                                  model%particles%field(model%p%conductivity)%values(1, 1:n_local), &
+                                  k(1, 1:n_local), &
                                   row_start, neighbour, model%spacing, &
                                   model%scene%water%support_radius, xs(:, 1:m_local), &
                                   field(model%s%normal)%values(:, 1:m_local), patch, &
                                   model%hydraulic_conditions%kind == kind_head, point_start, &
                                   point_neighbour)
       end if
-      call model%head_operator%build(n, n_local, x(:, 1:n_local), &
-                                     model%particles%field(model%p%conductivity)%values(1, &
-                                                                                        1:n_local), &
+      call model%head_operator%build(n, n_local, x(:, 1:n_local), k(1, 1:n_local), &
                                      row_start, neighbour, model%spacing, &
                                      model%scene%water%support_radius, m_local, xs(:, 1:m_local), &
                                      field(model%s%normal)%values(:, 1:m_local), patch, &
@@ -347,7 +349,7 @@ contains
     !! Storage coefficients of particles, cells and blocks, and the water's explicit limit.
     type(model_t), intent(inout) :: model
     real(wp), allocatable :: compressibility(:), softness(:), cells(:, :), blocks(:, :), sums(:)
-    real(wp) :: tau_cell, tau_block
+    real(wp) :: tau_cell, tau_block, row_sum
     integer :: n, p
 
     n = model%particles%count
@@ -356,8 +358,9 @@ contains
       compressibility(p) = model%particles%field(model%p%porosity)%values(1, p)/ &
                            model%scene%water%bulk_modulus
       softness(p) = 0.0_wp
-      if (.not. model%rigid) &
+      if (.not. model%rigid) then
         softness(p) = 1.0_wp/model%materials%item(model%material(p))%model%constrained_modulus()
+      end if
     end do
     allocate (cells(1, model%grid%n_cell), blocks(1, model%grid%n_block))
     tau_cell = merge(0.0_wp, model%scene%water%cell_storage, model%rigid)
@@ -375,9 +378,10 @@ contains
       end block
     end associate
     model%diffusion_limit = huge(1.0_wp)
-    if (n > 0) model%diffusion_limit = 2.0_wp*model%scene%water%unit_weight* &
-                                       minval(compressibility)/ &
-                                       max(model%head_operator%largest_row_sum(), tiny(1.0_wp)*1.0e9_wp)
+    if (n > 0) then
+      row_sum = max(model%head_operator%largest_row_sum(), tiny(1.0_wp)*1.0e9_wp)
+      model%diffusion_limit = 2.0_wp*model%scene%water%unit_weight*minval(compressibility)/row_sum
+    end if
     model%diffusion_limit = model%comm%minimum(model%diffusion_limit)
 
   contains

@@ -23,8 +23,8 @@ module dosui_surface_forces
   type, public :: surface_forces_t
     !! Which surface points carry which condition, and how they spread forces over nodes.
     integer :: n_point = 0
-    integer, allocatable :: node(:, :)         !! (2**ndim, n_point) corner nodes of the point's cell
-    real(wp), allocatable :: weight(:, :)      !! (2**ndim, n_point) share of each node, sum 1 or 0 [-]
+    integer, allocatable :: node(:, :)         !! (2**ndim, n_point) corners of the point's cell
+    real(wp), allocatable :: weight(:, :)      !! (2**ndim, n_point) share of each node [-]
     integer, allocatable :: entry_point(:)     !! surface point of each entry
     integer, allocatable :: entry_condition(:) !! mechanical condition of each entry
     real(wp) :: stiffness = 0.0_wp             !! kappa of penalty walls [Pa/m]
@@ -77,8 +77,9 @@ contains
     do p = 1, n_point
       if (cell(p) == 0) cycle
       call keep_usable(self%node(:, p), usable, mass, self%weight(:, p))
-      if (.not. any(self%weight(:, p) > 0.0_wp) .and. any(handled(:, p))) &
+      if (.not. any(self%weight(:, p) > 0.0_wp) .and. any(handled(:, p))) then
         self%n_dropped = self%n_dropped + 1
+      end if
     end do
 
     self%entry_point = pack([((p, c=1, size(handled, 1)), p=1, n_point)], &
@@ -158,8 +159,8 @@ contains
     end do
   end subroutine surface_forces_apply
 
-  pure function point_traction(condition, time, normal, displacement, velocity, stiffness, damping, &
-                               plate_displacement) result(traction)
+  pure function point_traction(condition, time, normal, displacement, velocity, stiffness, &
+                               damping, plate_displacement) result(traction)
     !! Traction of one condition on the body at a surface point [Pa].
     type(mechanical_condition_t), intent(in) :: condition
     real(wp), intent(in) :: time                                   !! [s]

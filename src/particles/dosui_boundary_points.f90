@@ -13,7 +13,7 @@ module dosui_boundary_points
 
   public :: seed_boundary_points
 
-  real(wp), parameter :: probe_depth = 0.25_wp   !! how far outside a neighbour is looked for [spacings]
+  real(wp), parameter :: probe_depth = 0.25_wp   !! of the look outside [spacings]
 
 contains
 

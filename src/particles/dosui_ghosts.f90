@@ -52,7 +52,7 @@ contains
   subroutine find_bins(n, position, width, keys)
     !! Bin of each position.
     integer, intent(in) :: n
-    real(wp), intent(in) :: position(ndim, *)
+    real(wp), intent(in) :: position(ndim, n)   !! [m]
     real(wp), intent(in) :: width
     integer(i8), allocatable, intent(out) :: keys(:)
     integer :: p
@@ -96,7 +96,7 @@ contains
     type(communicator_t), intent(in) :: comm
     integer(i8), intent(in) :: wanted(:)      !! bins, sorted
     integer, intent(in) :: n
-    real(wp), intent(in) :: position(ndim, *)
+    real(wp), intent(in) :: position(ndim, n)   !! [m]
     real(wp), intent(in) :: width
     integer, allocatable, intent(out) :: to_rank(:), index(:)
     integer(i8), allocatable :: own(:), bins(:), reply(:)

@@ -55,8 +55,9 @@ contains
     else if (state%effective_stress == 'geostatic') then
       associate (material => scene%material(m))
         density = (1.0_wp - material%porosity)*material%solid_density
-        if (handles%pore_pressure > 0) &
+        if (handles%pore_pressure > 0) then
           density = density - (1.0_wp - material%porosity)*scene%water%density
+        end if
       end associate
       ! gravity points down, so this is negative (compression) below the surface
       stress(3) = density*scene%gravity(ndim)*(state%surface_level - position(ndim))
@@ -66,8 +67,8 @@ contains
     if (state%mode_number > 0) then
       height = scene%region(1)%box_max(ndim) - scene%region(1)%box_min(ndim)
       particles%field(handles%velocity)%values(ndim, p) = state%mode_amplitude* &
-        sin(0.5_wp*pi*real(2*state%mode_number - 1, wp)* &
-            (position(ndim) - scene%region(1)%box_min(ndim))/height)
+                                                  sin(0.5_wp*pi*real(2*state%mode_number - 1, wp)* &
+                                            (position(ndim) - scene%region(1)%box_min(ndim))/height)
     end if
   end subroutine set_particle
 
@@ -77,6 +78,7 @@ contains
     type(initial_state_t), intent(in) :: state
     real(wp), intent(in) :: position(ndim)   !! [m]
     real(wp) :: spacing
+    integer :: parity
 
     select case (state%pore_pressure)
     case ('hydrostatic')
@@ -85,8 +87,8 @@ contains
       pressure = state%pore_pressure_value
     case ('checkerboard')
       spacing = region_spacing(scene, scene%region(1))
-      pressure = state%pore_pressure_value* &
-                 (1.0_wp - 2.0_wp*real(modulo(sum(floor((position - scene%grid_origin)/spacing)), 2), wp))
+      parity = modulo(sum(floor((position - scene%grid_origin)/spacing)), 2)
+      pressure = merge(state%pore_pressure_value, -state%pore_pressure_value, parity == 0)
     case default
       pressure = 0.0_wp
     end select

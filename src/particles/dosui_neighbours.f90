@@ -18,8 +18,8 @@ module dosui_neighbours
 
 contains
 
-  subroutine build_neighbours(n_row, row_position, n_point, position, radius, row_start, neighbour, &
-                              skip_self)
+  subroutine build_neighbours(n_row, row_position, n_point, position, radius, row_start, &
+                              neighbour, skip_self)
     !! For every row the points nearer than the radius, in an order that depends on positions and
     !! indices only.
     integer, intent(in) :: n_row
@@ -111,8 +111,9 @@ contains
       if (bin == 0) cycle
       first = points%start(bin)
       last = points%start(bin + 1) - 1
-      if (n + last - first + 1 > size(candidate)) &
+      if (n + last - first + 1 > size(candidate)) then
         call grow(2*(n + last - first + 1), candidate, candidate_position)
+      end if
       candidate(n + 1:n + last - first + 1) = points%point(first:last)
       candidate_position(:, n + 1:n + last - first + 1) = position(:, points%point(first:last))
       n = n + last - first + 1

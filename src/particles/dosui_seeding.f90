@@ -105,9 +105,10 @@ contains
                    "' holds no particle: it is smaller than the particle spacing"//new_line('a')
         cycle
       end if
-      if (comm%any(overlaps(scene%region, r, spacing, position))) &
+      if (comm%any(overlaps(scene%region, r, spacing, position))) then
         problems = problems//"&region '"//trim(scene%region(r)%name)// &
                    "' overlaps an earlier region"//new_line('a')
+      end if
       volume = shape_measure(scene%region(r))/real(total, wp)
       ! Shares are in lattice order, so ranks before this one hold the lower identities.
       id = first_id + comm%prefix_sum(int(size(id), i8)) + [(int(k, i8), k=1, size(id))]
@@ -217,8 +218,9 @@ contains
     last = particles%count + size(id)
     call particles%resize(last)
     density = (1.0_wp - scene%material(m)%porosity)*scene%material(m)%solid_density
-    if (handles%pore_pressure > 0) &
+    if (handles%pore_pressure > 0) then
       density = density + scene%material(m)%porosity*scene%water%density
+    end if
     particles%id(first:last) = id
     associate (field => particles%field)
       field(handles%position)%values(:, first:last) = position

@@ -64,8 +64,9 @@ contains
       a = vertices(:, k)
       b = vertices(:, modulo(k, n) + 1)
       if ((a(ndim) > position(ndim)) .eqv. (b(ndim) > position(ndim))) cycle
-      if (position(1) < a(1) + (b(1) - a(1))*(position(ndim) - a(ndim))/(b(ndim) - a(ndim))) &
+      if (position(1) < a(1) + (b(1) - a(1))*(position(ndim) - a(ndim))/(b(ndim) - a(ndim))) then
         inside = .not. inside
+      end if
     end do
   end function inside_polygon
 

@@ -97,7 +97,9 @@ def exact_terzaghi(depth: np.ndarray, time: float, height: float = 1.0) -> np.nd
     return u_0 * series.sum(axis=0)
 
 
-def pressure_error(run: Run, name: str, step: int, depth_of: Callable[[np.ndarray], np.ndarray]) -> float:
+def pressure_error(
+    run: Run, name: str, step: int, depth_of: Callable[[np.ndarray], np.ndarray]
+) -> float:
     """Relative L2 error of the particles' pressure against Terzaghi's solution."""
     data = run.fields(name, step)
     exact = exact_terzaghi(depth_of(data["points"]), run.times(name)[step])

@@ -85,7 +85,8 @@ def test_units(dosui: Runner) -> None:
     for old, new in {
         "spacing = 0.125": "spacing = 125.0",
         "box_max = 0.25, 1.0": "box_max = 250.0, 1000.0",
-        "hydraulic_conductivity = 1.0e-3": "hydraulic_conductivity = 1.0\n  solid_density = 2.65e-3",
+        "hydraulic_conductivity = 1.0e-3": "hydraulic_conductivity = 1.0\n"
+        "  solid_density = 2.65e-3",
         "bulk_modulus = 3.0e7": "bulk_modulus = 3.0e7\n  density = 1.0e-3\n  unit_weight = 9.81",
         "position = 0.125, 0.0": "position = 125.0, 0.0",
     }.items():
@@ -94,5 +95,9 @@ def test_units(dosui: Runner) -> None:
     millimetres = dosui(text, folder="millimetres")  # g / (mm s2) = Pa
     assert millimetres.status == 0, millimetres.stderr
     a, b = metres.fields("terzaghi_2d"), millimetres.fields("terzaghi_2d")
-    for key, factor in {"pore_pressure": 1.0, "displacement": 1e-3, "effective_stress": 1.0}.items():
+    for key, factor in {
+        "pore_pressure": 1.0,
+        "displacement": 1e-3,
+        "effective_stress": 1.0,
+    }.items():
         assert np.abs(a[key] - factor * b[key]).max() <= 1e-9 * np.abs(a[key]).max(), key

@@ -43,11 +43,13 @@ def test_bad_input(dosui: Runner, old: str, new: str, expected: str, ranks: int)
 
 def test_all_errors_at_once(dosui: Runner) -> None:
     """Several problems are reported together, each with its line."""
-    text = scene_text("terzaghi/scene_2d.nml", young_modulus="-1", poisson_ratio="0.7", porosity="2")
+    text = scene_text(
+        "terzaghi/scene_2d.nml", young_modulus="-1", poisson_ratio="0.7", porosity="2"
+    )
     run = dosui(text, timeout=60)
     assert run.status == 2
     for key in ("young_modulus", "poisson_ratio", "porosity"):
-        line = 1 + [k for k, row in enumerate(text.splitlines()) if row.strip().startswith(key)][0]
+        line = 1 + next(k for k, row in enumerate(text.splitlines()) if row.strip().startswith(key))
         assert any(f":{line}:" in row and key in row for row in run.stderr.splitlines()), key
 
 
@@ -62,7 +64,10 @@ def test_check_computes_nothing(dosui: Runner) -> None:
 def test_template_is_a_valid_scene(dosui: Runner, dimension: int) -> None:
     """The template of each dimension passes its own check."""
     template = subprocess.run(
-        [str(BIN / "dosui"), "--template", str(dimension)], capture_output=True, text=True, timeout=60
+        [str(BIN / "dosui"), "--template", str(dimension)],
+        capture_output=True,
+        text=True,
+        timeout=60,
     )
     assert template.returncode == 0
     run = dosui(template.stdout, "--check", timeout=60)

@@ -94,7 +94,9 @@ def test_vtk_reads_every_step(dosui: Runner) -> None:
     """ParaView's reader opens all steps."""
     vtk = pytest.importorskip("vtkmodules.vtkIOHDF")
     text = scene_text("terzaghi/scene_1d.nml", end_time="0.1")
-    text = text.replace("output_times = 0.446355, 0.89271, 1.78542, 4.46355", "output_interval = 0.02")
+    text = text.replace(
+        "output_times = 0.446355, 0.89271, 1.78542, 4.46355", "output_interval = 0.02"
+    )
     run = dosui(text)
     assert run.status == 0, run.stderr
     reader = vtk.vtkHDFReader()

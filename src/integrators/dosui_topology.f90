@@ -93,7 +93,7 @@ contains
     !! Brick of each position.
     type(model_t), intent(in) :: model
     integer, intent(in) :: n
-    real(wp), intent(in) :: position(ndim, :)   !! [m]
+    real(wp), intent(in) :: position(:, :)   !! [m]
     integer(i8), allocatable :: key(:)
     integer :: p
 
@@ -108,7 +108,7 @@ contains
     !! Points go to the owner of their brick; those in bricks without owner stay.
     type(model_t), intent(inout) :: model
     type(point_set_t), intent(inout) :: set
-    real(wp), intent(in) :: position(ndim, :)   !! [m]
+    real(wp), intent(in) :: position(:, :)   !! [m]
     integer, allocatable :: destination(:)
     integer(i8), allocatable :: key(:)
     integer :: p, place

@@ -520,8 +520,10 @@ contains
       call checker%complain('output', 1, 'name', 'must not contain / (use directory)')
     end if
     do k = 1, size(scene%probe)
-      if (index(scene%probe(k)%name, '/') > 0 .or. scene%probe(k)%name == '.') then
+      if (index(scene%probe(k)%name, '/') > 0) then
         call checker%complain('probe', k, 'name', 'must not contain /')
+      else if (scene%probe(k)%name == '.') then
+        call checker%complain('probe', k, 'name', 'must not be . alone')
       end if
     end do
   end subroutine check_output

@@ -76,7 +76,7 @@ def test_template_is_a_valid_scene(dosui: Runner, dimension: int) -> None:
 
 def long_scene() -> str:
     """A scene that outputs often."""
-    text = scene_text("terzaghi/scene_1d.nml", end_time="8.0")
+    text = scene_text("terzaghi/scene_1d.nml", end_time="200.0")
     return text.replace(
         "output_times = 0.446355, 0.89271, 1.78542, 4.46355", "output_interval = 0.02"
     )

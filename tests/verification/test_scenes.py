@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 
@@ -16,6 +17,7 @@ def verify(folder, name: str, *options: str) -> subprocess.CompletedProcess[str]
         [sys.executable, "-m", "dosui_post", "verify", str(folder / f"{name}.vtkhdf"), *options],
         capture_output=True,
         text=True,
+        env={**os.environ, "PYTHONPATH": str(ROOT / "postprocess/src")},
     )
 
 

@@ -9,7 +9,7 @@ dosui_install_packages
 dosui_install_python
 dosui_say "building Release"
 mkdir -p "$DOSUI_ROOT/build"
-dosui_build release -DDOSUI_TESTS=OFF >"$DOSUI_ROOT/build/quickstart.log" 2>&1 ||
+dosui_build release "dosui dosui1d dosui2d dosui3d" >"$DOSUI_ROOT/build/quickstart.log" 2>&1 ||
   { tail -n 60 "$DOSUI_ROOT/build/quickstart.log"; exit 1; }
 cd "$DOSUI_ROOT"
 mkdir -p output

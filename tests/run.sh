@@ -8,11 +8,13 @@ dosui_install_packages
 mkdir -p "$DOSUI_ROOT/build"
 dosui_install_python pytest vtk ruff mypy fprettify fortitude-lint
 dosui_say "building Debug"
-dosui_build debug "-DDOSUI_PYTHON=$DOSUI_VENV/bin/python" >"$DOSUI_ROOT/build/debug.log" 2>&1 ||
+dosui_build debug all "-DDOSUI_PYTHON=$DOSUI_VENV/bin/python" >"$DOSUI_ROOT/build/debug.log" 2>&1 ||
   { tail -n 60 "$DOSUI_ROOT/build/debug.log"; exit 1; }
 dosui_say "building Release"
-dosui_build release "-DDOSUI_PYTHON=$DOSUI_VENV/bin/python" >"$DOSUI_ROOT/build/release.log" 2>&1 ||
+dosui_build release all "-DDOSUI_PYTHON=$DOSUI_VENV/bin/python" >"$DOSUI_ROOT/build/release.log" 2>&1 ||
   { tail -n 60 "$DOSUI_ROOT/build/release.log"; exit 1; }
+# A selection may match nothing in one of the two; without a selection that is an error.
+[ $# -gt 0 ] || set -- --no-tests=error
 dosui_say "unit tests, Debug"
 ctest --test-dir "$DOSUI_ROOT/build/debug" --output-on-failure -L unit -j 2 "$@"
 dosui_say "all tests, Release"

@@ -17,15 +17,15 @@ PAGE = """<!-- Written by tests/performance/benchmark.py: do not edit. -->
 
 # Performance
 
-Measured on {date}: {machine}, {cores} cores, {compiler}, preset `release`,
-commit `{commit}`.
-STREAM triad in the same run: {stream}. Load average at the end: {load} (one or two
-ranks ran; what is above that was other work, which slows the measured runs).
+Measured on {date}: {machine}, {cores} cores.
+Program: {version}.
+STREAM triad in the same run: {stream}.
+**other** is how many cores worked for something else during a run: such lines are upper bounds.
 
 A block of soil in free flight at 0.3 % of its sound speed, loaded on its top, with {per_cell}
 particles per cell. `small_strain` scenes use linear hats, `updated` scenes GIMP: their particles
-change cells and their neighbourhoods are rebuilt about every 30 steps. Coupled scenes take one
-water step in every step. The fastest of the repeated runs counts.
+change cells and their neighbourhoods are rebuilt as often as the table says. Coupled scenes take
+one water step in every step. Each line is the fastest of {runs} run(s).
 
 - **ns**: core time of a particle-step, wall time x ranks / (particles x steps), with sorting,
   neighbour lists and stencils; without setup, the first of the rebuilds, and files.
@@ -33,8 +33,8 @@ water step in every step. The fastest of the repeated runs counts.
 - **STREAM**: that memory passed through once a step, as a share of the measured bandwidth. Low
   means that arithmetic or latency limits, not the bandwidth.
 
-| case | ranks | particles | rebuilds / steps | ns | B | STREAM |
-|---|---|---|---|---|---|---|
+| case | ranks | particles | rebuilds / steps | ns | B | STREAM | other |
+|---|---|---|---|---|---|---|---|
 {rows}
 
 ## Where the time goes
@@ -65,6 +65,7 @@ def write_csv(path: Path, lines: list[Measurement]) -> None:
                 "bytes_per_particle",
                 "stream_GB_s",
                 "share_of_stream",
+                "other_busy_cores",
             ]
         )
         out.writerows(
@@ -78,6 +79,7 @@ def write_csv(path: Path, lines: list[Measurement]) -> None:
                 f"{k.bytes:.1f}",
                 f"{k.stream:.2f}",
                 f"{k.share:.4f}",
+                f"{k.other:.2f}",
             ]
             for k in lines
         )
@@ -89,7 +91,7 @@ def output(*command: str) -> str:
     return done.stdout.strip() or "?"
 
 
-def write_page(path: Path, lines: list[Measurement]) -> None:
+def write_page(path: Path, lines: list[Measurement], program: Path) -> None:
     """docs/performance.md."""
     if not lines:
         raise SystemExit("nothing was measured")
@@ -106,14 +108,13 @@ def write_page(path: Path, lines: list[Measurement]) -> None:
             date=date.today(),
             machine=cpu[0] if cpu else platform.machine(),
             cores=os.cpu_count(),
-            compiler=output("gfortran", "--version").splitlines()[0],
-            commit=output("git", "-C", str(path.parent), "rev-parse", "--short", "HEAD"),
+            version="; ".join(output(str(program), "--version").splitlines()),
+            runs=lines[0].runs,
             stream=", ".join(f"{v:.1f} GB/s on {k} rank(s)" for k, v in streams.items()),
-            load=f"{os.getloadavg()[2]:.1f}",
             per_cell="4 (2-D) or 8 (3-D)",
             rows="\n".join(
                 f"| {k.case} | {k.ranks} | {k.particles} | {k.rebuilds} / {k.steps} | {k.ns:.0f} |"
-                f" {k.bytes:.0f} | {100 * k.share:.0f} % |"
+                f" {k.bytes:.0f} | {100 * k.share:.0f} % | {k.other:.1f} |"
                 for k in lines
             ),
             names=" | ".join(names),

@@ -45,8 +45,11 @@ dosui_install_python() {   # a venv with dosui_post; arguments: further packages
   fi
 }
 
-dosui_build() {   # argument: preset; then further cmake options
-  local preset=$1
-  shift
-  (cd "$DOSUI_ROOT" && cmake --preset "$preset" "$@" && cmake --build --preset "$preset" --parallel 2)
+dosui_build() {   # arguments: preset, targets ('all' or names with blanks), then cmake options
+  local preset=$1 targets=$2
+  shift 2
+  # Tests are always configured: an option left in the cache would make a later ctest find none.
+  # shellcheck disable=SC2086
+  (cd "$DOSUI_ROOT" && cmake --preset "$preset" -DDOSUI_TESTS=ON "$@" &&
+    cmake --build --preset "$preset" --parallel 2 --target $targets)
 }

@@ -28,12 +28,18 @@ contains
     real(wp), intent(in) :: radius                      !! [m]
     type(index_map_t), intent(inout) :: map
     integer, allocatable :: to_rank(:), index(:)
-    integer :: n_ghost, k
+    integer(i8), allocatable :: id(:, :)
+    integer :: n_ghost, k, n
 
     call match_bins(comm, bins_around(n_wanting, wanting, radius), set%count, &
                     set%field(position_handle)%values, radius, to_rank, index)
     call map%init_halo(comm, set%count, to_rank, index, n_ghost)
     call set%resize(set%count, n_ghost)
+    n = set%count + n_ghost
+    allocate (id(1, n))
+    id(1, :) = set%id(1:n)
+    call map%gather_longs(comm, 1, id)
+    set%id(1:n) = id(1, :)
     do k = 1, size(set%field)
       if (set%field(k)%halo) call gather_field(comm, set, map, k)
     end do

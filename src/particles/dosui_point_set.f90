@@ -98,16 +98,21 @@ contains
       allocate (id(n + n/4), source=0_i8)
       id(1:kept) = self%id(1:kept)
       call move_alloc(id, self%id)
+    else
+      self%id(kept + 1:n) = 0_i8
     end if
   end subroutine point_set_resize
 
   subroutine resize_field(field, kept, n)
-    !! Makes room for n points when there is less.
+    !! Makes room for n points when there is less; those after the kept ones are zero.
     type(field_t), intent(inout) :: field
     integer, intent(in) :: kept, n
     real(wp), allocatable :: values(:, :)
 
-    if (size(field%values, 2) >= n) return
+    if (size(field%values, 2) >= n) then
+      field%values(:, kept + 1:n) = 0.0_wp
+      return
+    end if
     allocate (values(field%width, n + n/4), source=0.0_wp)
     values(:, 1:kept) = field%values(:, 1:kept)
     call move_alloc(values, field%values)
@@ -128,7 +133,8 @@ contains
   end subroutine point_set_reorder
 
   subroutine point_set_migrate(self, comm, destination)
-    !! Moves points to other ranks; ghosts are forgotten. Collective.
+    !! Moves points to other ranks; ghosts are forgotten, and when any point moves so are the
+    !! values that do not migrate. Collective.
     class(point_set_t), intent(inout) :: self
     type(communicator_t), intent(in) :: comm
     integer, intent(in) :: destination(:)       !! (count) rank of each point
@@ -136,7 +142,10 @@ contains
     integer(i8), allocatable :: ids(:, :)
     integer :: k, width, first, n
 
-    if (.not. comm%any(any(destination /= comm%rank))) return
+    if (.not. comm%any(any(destination /= comm%rank))) then
+      call self%resize(self%count)
+      return
+    end if
     width = sum(self%field%width, mask=self%field%migrates)
     allocate (rows(width, self%count), ids(1, self%count))
     first = 0
@@ -148,6 +157,7 @@ contains
     ids(1, :) = self%id(1:self%count)
     call migrate_rows(comm, destination, rows, ids)
     n = size(rows, 2)
+    call self%resize(0)
     call self%resize(n)
     self%id(1:n) = ids(1, :)
     first = 0

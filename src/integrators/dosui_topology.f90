@@ -350,6 +350,7 @@ contains
     type(model_t), intent(inout) :: model
     real(wp), allocatable :: compressibility(:), softness(:), cells(:, :), blocks(:, :), sums(:)
     real(wp) :: tau_cell, tau_block, row_sum
+    logical :: plain   ! no projection
     integer :: n, p
 
     n = model%particles%count
@@ -363,8 +364,9 @@ contains
       end if
     end do
     allocate (cells(1, model%grid%n_cell), blocks(1, model%grid%n_block))
-    tau_cell = merge(0.0_wp, model%scene%water%cell_storage, model%rigid)
-    tau_block = merge(0.0_wp, model%scene%water%block_storage, model%rigid)
+    plain = model%rigid .or. model%scene%water%operator == 'two_pass'   ! it holds heads afterwards
+    tau_cell = merge(0.0_wp, model%scene%water%cell_storage, plain)
+    tau_block = merge(0.0_wp, model%scene%water%block_storage, plain)
     allocate (sums(model%grid%n_cell))
     call means(compressibility, cells, blocks)
     associate (cell_a => cells(1, :), block_a => blocks(1, :))

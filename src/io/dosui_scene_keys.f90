@@ -391,10 +391,12 @@ contains
                     'moved so far, in particle spacings', unit='-', range='> 0 and <= 1'))
     call v%real(water%cell_storage, &
                 key('cell_storage', 'pressure-projection storage inside a cell, tau_i', unit='-', &
-                    range='>= 0'))
+                    range='>= 0', only='operator = ''compact''', &
+                    applies=water%operator == 'compact', undecided=water%operator == ''))
     call v%real(water%block_storage, &
                 key('block_storage', 'pressure-projection storage inside 2 x 2 (x 2) cells, '// &
-                    'tau_m', unit='-', range='>= 0'))
+                    'tau_m', unit='-', range='>= 0', only='operator = ''compact''', &
+                    applies=water%operator == 'compact', undecided=water%operator == ''))
     call v%name(water%stepping, &
                 key('stepping', 'pressure steps within a mechanical step: one, several, RKL2 '// &
                     'super-time-stepping, or chosen from the limits', &

@@ -4,7 +4,8 @@ module dosui_setup
   use dosui_dimension, only: ndim
   use dosui_boundary_points, only: seed_boundary_points
   use dosui_communicator, only: communicator_t
-  use dosui_damping, only: automatic_damping, damping_kind_of
+  use dosui_damping, only: automatic_damping, damping_kind_of, damping_none, damping_viscous, &
+                           fastest_damping
   use dosui_error, only: error_t
   use dosui_initial_state, only: apply_initial_state
   use dosui_model, only: model_t
@@ -128,21 +129,28 @@ contains
   subroutine choose_damping(model)
     !! The scene's damping coefficient, or one from the lowest frequency of the drained body.
     type(model_t), intent(inout) :: model
-    real(wp) :: low(ndim), high(ndim)
+    real(wp), allocatable :: position(:, :)
+    real(wp) :: low(ndim), high(ndim), wave_speed, length
     integer :: d
 
     model%damping_kind = damping_kind_of(trim(model%scene%mechanics%damping))
     model%damping = model%scene%mechanics%damping_coefficient
-    if (model%damping_kind <= 0 .or. model%damping >= 0.0_wp) return
+    if (model%damping_kind == damping_none) return
+    associate (field => model%particles%field, n => model%particles%count)
+      position = field(model%p%position)%values(:, 1:n)
+      ! undeformed, and rounded below, so that a restart finds the same length
+      if (model%updated) position = position - field(model%p%displacement)%values(:, 1:n)
+    end associate
     do d = 1, ndim
-      associate (x => model%particles%field(model%p%position)%values(d, 1:model%particles%count))
-        low(d) = model%comm%minimum(minval(x))
-        high(d) = model%comm%maximum(maxval(x))
-      end associate
+      low(d) = model%comm%minimum(minval(position(d, :)))
+      high(d) = model%comm%maximum(maxval(position(d, :)))
     end do
-    model%damping = automatic_damping(model%damping_kind, &
-                                      sqrt(model%skeleton_modulus/model%density), &
-                                      maxval(high - low) + model%spacing)
+    length = maxval(high - low)/model%scene%grid_spacing
+    length = (0.1_wp*anint(10.0_wp*length) + 1.0_wp)*model%scene%grid_spacing
+    wave_speed = sqrt(model%skeleton_modulus/model%density)
+    model%damping_start = fastest_damping(wave_speed, length)
+    if (model%damping >= 0.0_wp) return
+    model%damping = automatic_damping(model%damping_kind, wave_speed, length)
   end subroutine choose_damping
 
   subroutine describe_model(model)
@@ -167,7 +175,8 @@ contains
     end if
     if (model%damping_kind > 0) then
       call model%log%info('damping      '//trim(model%scene%mechanics%damping)//' '// &
-                          to_text(model%damping)//merge(' 1/s', ' [-]', model%damping_kind == 1))
+                          to_text(model%damping)//merge(' 1/s', ' [-]', &
+                                                    model%damping_kind == damping_viscous))
     end if
     call describe_walls(model)
     if (.not. model%coupled) return

@@ -5,6 +5,7 @@
 !! skeleton, with the volume change of the step held constant.
 module dosui_explicit
   use dosui_kinds, only: wp
+  use dosui_damping, only: damping_fading, damping_viscous
   use dosui_error, only: error_t
   use dosui_model, only: model_t
   use dosui_scene, only: name_length
@@ -39,7 +40,7 @@ contains
     type(model_t), intent(inout) :: model
     type(step_limit_t) :: limits(4)
     character(len=name_length) :: stepping
-    real(wp) :: courant, ratio
+    real(wp) :: courant, ratio, rate
 
     courant = model%scene%time%courant
     stepping = model%scene%water%stepping
@@ -47,9 +48,12 @@ contains
       limits(1)%name = merge('water sound speed   ', 'skeleton wave speed ', model%coupled)
       limits(1)%dt = courant*wave_limit(model)
     end if
-    if (model%damping_kind == 1 .and. model%damping > 0.0_wp) then
+    rate = 0.0_wp
+    if (model%damping_kind == damping_viscous) rate = model%damping
+    if (model%damping_kind == damping_fading) rate = model%damping_start
+    if (rate > 0.0_wp) then
       limits(2)%name = 'viscous damping'
-      limits(2)%dt = courant*2.0_wp/model%damping
+      limits(2)%dt = courant*2.0_wp/rate
     end if
     if (model%coupled) then
       if (stepping == 'auto') then

@@ -90,7 +90,8 @@ module dosui_model
     integer :: substeps = 1                   !! of the water in a step of the skeleton
     integer :: stages = 0                     !! of super-time-stepping; 0: Euler sub-steps
 
-    real(wp) :: damping = 0.0_wp              !! coefficient in force [1/s] or [-]
+    real(wp) :: damping = 0.0_wp              !! the scene's coefficient [1/s] or [-]
+    real(wp) :: damping_start = 0.0_wp        !! of fading damping [1/s]
     integer :: damping_kind = 0
     type(balance_t) :: balance
     type(partition_statistics_t) :: partition

@@ -3,7 +3,7 @@ module dosui_skeleton_step
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim, voigt_slot
   use dosui_cell_average, only: cell_sums, cell_trace_sums
-  use dosui_damping, only: damp_forces, damping_none
+  use dosui_damping, only: damp_forces, damping_at, damping_none
   use dosui_error, only: error_t
   use dosui_grid_to_particle, only: cell_divergence_centre, grid_to_particles
   use dosui_model, only: model_t
@@ -118,7 +118,9 @@ contains
 
     call model%timers%start(model%phase%nodes)
     if (model%damping_kind /= damping_none) then
-      call damp_forces(model%damping_kind, model%damping, model%grid%n_node, model%nodal)
+      call damp_forces(model%damping_kind, &
+                       damping_at(model%damping_kind, model%damping, model%damping_start, &
+                                  model%clock%time), model%grid%n_node, model%nodal)
     end if
     call advance_velocities(model%grid%n_node, model%clock%dt, &
                             light_node*model%density*model%grid%spacing**ndim, model%nodal, &

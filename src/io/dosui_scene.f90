@@ -69,7 +69,7 @@ module dosui_scene
     !! cell average of volume change (B-bar) for skeleton and water
     character(len=name_length) :: coupling_gradient = 'auto'
     !! 'particle', 'cell_centre' or 'auto'
-    character(len=name_length) :: damping = 'none'   !! 'none', 'viscous' or 'local'
+    character(len=name_length) :: damping = 'none'   !! 'none', 'viscous', 'local' or 'fading'
     real(wp) :: damping_coefficient = -1.0_wp
     !! viscous [1/s], local [-]; negative: chosen from the scene
     real(wp) :: density_scaling = 1.0_wp             !! factor on inertia only [-]

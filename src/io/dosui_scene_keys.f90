@@ -422,11 +422,13 @@ contains
                 key('coupling_gradient', 'where the volume change for the water is evaluated', &
                     choices='auto particle cell_centre'))
     call v%name(mechanics%damping, &
-                key('damping', 'viscous: force -c m v; local: -c |force| against the velocity', &
-                    choices='none viscous local'))
+                key('damping', 'viscous: force -c m v; local: -c |force| against the velocity; '// &
+                    'fading: viscous with c = b/t, for loads at the start', &
+                    choices='none viscous local fading'))
     call v%real(mechanics%damping_coefficient, &
-                key('damping_coefficient', 'c: viscous [1/s], local [-]; negative: from the '// &
-                    'scene''s lowest frequency', only='damping = ''viscous'' or ''local''', &
+                key('damping_coefficient', 'c: viscous [1/s], local [-]; b: fading [-]; negative: '// &
+                    'from the scene''s lowest frequency, 0.3 and 3', &
+                    only='damping = ''viscous'', ''local'' or ''fading''', &
                     applies=mechanics%damping /= 'none', undecided=mechanics%damping == ''))
     call v%real(mechanics%density_scaling, &
                 key('density_scaling', 'factor on inertia only, for quasi-static runs', unit='-', &

@@ -89,8 +89,8 @@ def scene_text(path: str, **changes: str) -> str:
 def exact_terzaghi(depth: np.ndarray, time: float, height: float = 1.0) -> np.ndarray:
     """Excess pressure of the shipped Terzaghi scenes: an independent series [Pa]."""
     modulus = 1.0e6 * 0.8 / (1.2 * 0.6)
-    storage = 0.3 / 3.0e7
-    c_v = 1.0e-3 / 9810.0 / (storage + 1.0 / modulus)
+    storage = 0.3 / 3.0e6
+    c_v = 1.0e-4 / 9810.0 / (storage + 1.0 / modulus)
     u_0 = 1000.0 / modulus / (storage + 1.0 / modulus)
     mu = 0.5 * np.pi * (2 * np.arange(300)[:, None] + 1)
     series = 2.0 / mu * np.sin(mu * depth / height) * np.exp(-(mu**2) * c_v * time / height**2)

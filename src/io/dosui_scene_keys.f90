@@ -525,7 +525,7 @@ contains
                       undecided=state%effective_stress == ''))
     call v%integer(state%mode_number, &
                    key('mode_number', 'm of the initial velocity v_z = a sin(pi (2 m - 1) z / '// &
-                       '(2 H)) of a bar of height H; 0: none', range='>= 0 and <= 1000'))
+                       '(2 H)) of a bar, H high over all regions; 0: none', range='>= 0 and <= 1000'))
     call v%real(state%mode_amplitude, &
                 key('mode_amplitude', 'a of that velocity', unit='m/s', only='mode_number > 0', &
                     applies=state%mode_number > 0))

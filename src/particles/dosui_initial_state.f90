@@ -4,9 +4,9 @@ module dosui_initial_state
   use dosui_dimension, only: ndim, nsig, voigt6
   use dosui_particle_fields, only: particle_handles_t
   use dosui_point_set, only: point_set_t
-  use dosui_scene, only: initial_state_t, scene_t
-  use dosui_seeding, only: region_spacing
-  use dosui_shapes, only: shape_contains
+  use dosui_scene, only: initial_state_t, region_t, scene_t
+  use dosui_seeding, only: lattice_parity
+  use dosui_shapes, only: shape_bounds, shape_contains
   implicit none
   private
 
@@ -42,7 +42,7 @@ contains
     type(point_set_t), intent(inout) :: particles
     type(particle_handles_t), intent(in) :: handles
     integer, intent(in) :: p
-    real(wp) :: position(ndim), stress(6), density, height
+    real(wp) :: position(ndim), stress(6), density, foot, head
     integer :: m
 
     position = particles%field(handles%position)%values(:, p)
@@ -60,25 +60,40 @@ contains
         end if
       end associate
       ! gravity points down, so this is negative (compression) below the surface
-      stress(3) = density*scene%gravity(ndim)*(state%surface_level - position(ndim))
+      stress(3) = density*scene%gravity(ndim)*max(state%surface_level - position(ndim), 0.0_wp)
       stress(1:2) = state%lateral_ratio*stress(3)
     end if
     particles%field(handles%effective_stress)%values(1:nsig, p) = stress(voigt6)
     if (state%mode_number > 0) then
-      height = scene%region(1)%box_max(ndim) - scene%region(1)%box_min(ndim)
-      particles%field(handles%velocity)%values(ndim, p) = state%mode_amplitude* &
-                                                  sin(0.5_wp*pi*real(2*state%mode_number - 1, wp)* &
-                                            (position(ndim) - scene%region(1)%box_min(ndim))/height)
+      call bar_ends(scene%region, foot, head)
+      particles%field(handles%velocity)%values(ndim, p) = &
+        state%mode_amplitude*sin(0.5_wp*pi*real(2*state%mode_number - 1, wp)* &
+                                 (position(ndim) - foot)/(head - foot))
     end if
   end subroutine set_particle
+
+  pure subroutine bar_ends(regions, foot, head)
+    !! Elevations of the lowest and the highest point of all regions [m].
+    type(region_t), intent(in) :: regions(:)
+    real(wp), intent(out) :: foot, head
+    real(wp) :: low(ndim), high(ndim)
+    integer :: r
+
+    foot = huge(1.0_wp)
+    head = -huge(1.0_wp)
+    do r = 1, size(regions)
+      call shape_bounds(regions(r), regions(r)%shape_angle, low, high)
+      foot = min(foot, regions(r)%pivot(ndim) + low(ndim))
+      head = max(head, regions(r)%pivot(ndim) + high(ndim))
+    end do
+  end subroutine bar_ends
 
   pure real(wp) function initial_pressure(scene, state, position) result(pressure)
     !! Initial pore pressure at a position, compression positive [Pa].
     type(scene_t), intent(in) :: scene
     type(initial_state_t), intent(in) :: state
     real(wp), intent(in) :: position(ndim)   !! [m]
-    real(wp) :: spacing
-    integer :: parity
+    integer :: r
 
     select case (state%pore_pressure)
     case ('hydrostatic')
@@ -86,9 +101,12 @@ contains
     case ('given')
       pressure = state%pore_pressure_value
     case ('checkerboard')
-      spacing = region_spacing(scene, scene%region(1))
-      parity = modulo(sum(floor((position - scene%grid_origin)/spacing)), 2)
-      pressure = merge(state%pore_pressure_value, -state%pore_pressure_value, parity == 0)
+      pressure = state%pore_pressure_value
+      do r = 1, size(scene%region)
+        if (.not. shape_contains(scene%region(r), position, 0.0_wp)) cycle
+        if (lattice_parity(scene, scene%region(r), position) == 1) pressure = -pressure
+        exit
+      end do
     case default
       pressure = 0.0_wp
     end select

@@ -10,11 +10,11 @@ module dosui_seeding
   use dosui_point_set, only: point_set_t
   use dosui_random, only: hash_uniform
   use dosui_scene, only: region_t, scene_t
-  use dosui_shapes, only: shape_contains, shape_measure, turned
+  use dosui_shapes, only: shape_bounds, shape_contains, shape_measure, turned
   implicit none
   private
 
-  public :: seed_regions, region_spacing
+  public :: seed_regions, region_spacing, lattice_parity
 
   real(wp), parameter :: closest_to_face = 0.1_wp   !! for jittered particles, in spacings [-]
   real(wp), parameter :: round_off = 1.0e-9_wp      !! of a spacing [-]
@@ -45,7 +45,7 @@ contains
     type(region_t), intent(in) :: region
     real(wp), intent(in) :: spacing   !! [m]
     type(lattice_t) :: lattice
-    real(wp) :: extent(ndim), reach
+    real(wp) :: extent(ndim), low(ndim), high(ndim)
 
     lattice%pivot = region%pivot
     lattice%angle = region%lattice_angle
@@ -57,27 +57,27 @@ contains
       lattice%step = extent/real(max(1, lattice%n), wp)
       lattice%first = region%box_min + 0.5_wp*lattice%step
     else
-      reach = shape_reach(region)
-      lattice%n = 2*ceiling(reach/spacing) + 2
+      call shape_bounds(region, region%shape_angle - region%lattice_angle, low, high)
+      low = anint(low/spacing) - 0.5_wp   ! points lie half a spacing beside the pivot
+      lattice%n = ceiling(high/spacing - low) + 1
       lattice%step = spacing
-      lattice%first = region%pivot - (0.5_wp*real(lattice%n, wp) - 0.5_wp)*spacing
+      lattice%first = region%pivot + low*spacing
     end if
   end function region_lattice
 
-  pure real(wp) function shape_reach(region) result(reach)
-    !! Largest distance of a corner of the shape from its pivot [m].
+  pure integer function lattice_parity(scene, region, position) result(parity)
+    !! 0 and 1 in turn from neighbour to neighbour on the region's lattice, for particles that
+    !! jitter has moved by less than half a spacing, too.
+    type(scene_t), intent(in) :: scene
     type(region_t), intent(in) :: region
-    integer :: k
+    real(wp), intent(in) :: position(ndim)   !! [m]
+    type(lattice_t) :: lattice
+    real(wp) :: x(ndim)
 
-    if (region%shape == 'polygon') then
-      reach = 0.0_wp
-      do k = 1, size(region%vertices, 2)
-        reach = max(reach, norm2(region%vertices(:, k) - region%pivot))
-      end do
-    else
-      reach = norm2(max(abs(region%box_min - region%pivot), abs(region%box_max - region%pivot)))
-    end if
-  end function shape_reach
+    lattice = region_lattice(region, region_spacing(scene, region))
+    x = lattice%pivot + turned(position - lattice%pivot, -lattice%angle)
+    parity = modulo(sum(nint((x - lattice%first)/lattice%step)), 2)
+  end function lattice_parity
 
   subroutine seed_regions(comm, scene, particles, handles, problems)
     !! Seeds all regions; positions, ids, volumes, masses, porosity, conductivity, velocity.
@@ -105,7 +105,8 @@ contains
                    "' holds no particle: it is smaller than the particle spacing"//new_line('a')
         cycle
       end if
-      if (comm%any(overlaps(scene%region, r, spacing, position))) then
+      if (comm%any(overlaps(scene%region, r, spacing, position, &
+                            particles%field(handles%position)%values(:, 1:particles%count)))) then
         problems = problems//"&region '"//trim(scene%region(r)%name)// &
                    "' overlaps an earlier region"//new_line('a')
       end if
@@ -185,12 +186,13 @@ contains
     moved = position
   end function jittered
 
-  pure logical function overlaps(regions, current, spacing, position) result(overlap)
-    !! Does a particle of this region lie inside an earlier one?
+  pure logical function overlaps(regions, current, spacing, position, earlier) result(overlap)
+    !! Does a particle of this region lie inside an earlier one, or one of theirs in this one?
     type(region_t), intent(in) :: regions(:)
     integer, intent(in) :: current
     real(wp), intent(in) :: spacing
-    real(wp), intent(in) :: position(:, :)
+    real(wp), intent(in) :: position(:, :)   !! of this region [m]
+    real(wp), intent(in) :: earlier(:, :)    !! of the regions before [m]
     integer :: r, p
 
     overlap = .false.
@@ -198,6 +200,9 @@ contains
       do p = 1, size(position, 2)
         if (shape_contains(regions(r), position(:, p), 1.0e-6_wp*spacing)) overlap = .true.
       end do
+    end do
+    do p = 1, size(earlier, 2)
+      if (shape_contains(regions(current), earlier(:, p), 1.0e-6_wp*spacing)) overlap = .true.
     end do
   end function overlaps
 

@@ -7,7 +7,7 @@ module dosui_shapes
   implicit none
   private
 
-  public :: shape_contains, shape_faces, shape_measure, turned, degrees
+  public :: shape_bounds, shape_contains, shape_faces, shape_measure, turned, degrees
 
   real(wp), parameter :: degrees = acos(-1.0_wp)/180.0_wp   !! radians per degree
 
@@ -32,6 +32,33 @@ contains
     rotated(1) = cos(angle*degrees)*vector(1) - sin(angle*degrees)*vector(ndim)
     rotated(ndim) = sin(angle*degrees)*vector(1) + cos(angle*degrees)*vector(ndim)
   end function turned
+
+  pure subroutine shape_bounds(region, angle, low, high)
+    !! Bounds, relative to the pivot, of the shape as given turned by an angle about the pivot [m].
+    !! With the shape's own angle: its place; less the lattice's angle: as its lattice sees it.
+    type(region_t), intent(in) :: region
+    real(wp), intent(in) :: angle   !! [deg]
+    real(wp), intent(out) :: low(ndim), high(ndim)
+    real(wp) :: corner(ndim)
+    integer :: k, d, n_corner
+
+    n_corner = 2**ndim
+    if (region%shape == 'polygon') n_corner = size(region%vertices, 2)
+    low = huge(1.0_wp)
+    high = -huge(1.0_wp)
+    do k = 1, n_corner
+      if (region%shape == 'polygon') then
+        corner = region%vertices(:, k)
+      else
+        do d = 1, ndim
+          corner(d) = merge(region%box_max(d), region%box_min(d), btest(k, d - 1))
+        end do
+      end if
+      corner = turned(corner - region%pivot, angle)
+      low = min(low, corner)
+      high = max(high, corner)
+    end do
+  end subroutine shape_bounds
 
   pure logical function shape_contains(region, position, margin) result(inside)
     !! Is a position inside the shape, at least `margin` away from its faces?

@@ -151,9 +151,9 @@ class Suite:
         calls = []
         for name, npes in self.tests:
             if npes:
-                calls += [f"  call pfunit_run('{name}', {n}, {name})" for n in npes]
+                calls += [f"  call pfunit_run('{name}', {n}, &\n    {name})" for n in npes]
             else:
-                calls.append(f"  call {run}('{name}', {name})")
+                calls.append(f"  call {run}('{name}', &\n    {name})")
         helpers = sorted(
             {f"{library}_begin", f"{library}_end", *re.findall(r"call (\w+)", "\n".join(calls))}
         )

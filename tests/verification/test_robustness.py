@@ -77,9 +77,7 @@ def test_template_is_a_valid_scene(dosui: Runner, dimension: int) -> None:
 def long_scene() -> str:
     """A scene that outputs often."""
     text = scene_text("terzaghi/scene_1d.nml", end_time="200.0")
-    return text.replace(
-        "output_times = 4.905, 9.81, 19.62, 49.05", "output_interval = 0.02"
-    )
+    return text.replace("output_times = 4.905, 9.81, 19.62, 49.05", "output_interval = 0.02")
 
 
 @pytest.mark.parametrize("ranks", [1, 2])

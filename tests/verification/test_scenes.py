@@ -96,9 +96,7 @@ def test_vtk_reads_every_step(dosui: Runner) -> None:
     """ParaView's reader opens all steps."""
     vtk = pytest.importorskip("vtkmodules.vtkIOHDF")
     text = scene_text("terzaghi/scene_1d.nml", end_time="0.1")
-    text = text.replace(
-        "output_times = 4.905, 9.81, 19.62, 49.05", "output_interval = 0.02"
-    )
+    text = text.replace("output_times = 4.905, 9.81, 19.62, 49.05", "output_interval = 0.02")
     run = dosui(text)
     assert run.status == 0, run.stderr
     reader = vtk.vtkHDFReader()

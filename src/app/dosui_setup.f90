@@ -175,8 +175,8 @@ contains
     end if
     if (model%damping_kind > 0) then
       call model%log%info('damping      '//trim(model%scene%mechanics%damping)//' '// &
-                          to_text(model%damping)//merge(' 1/s', ' [-]', &
-                                                    model%damping_kind == damping_viscous))
+                          to_text(model%damping)// &
+                          merge(' 1/s', ' [-]', model%damping_kind == damping_viscous))
     end if
     call describe_walls(model)
     if (.not. model%coupled) return

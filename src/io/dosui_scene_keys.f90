@@ -426,8 +426,8 @@ contains
                     'fading: viscous with c = b/t, for loads at the start', &
                     choices='none viscous local fading'))
     call v%real(mechanics%damping_coefficient, &
-                key('damping_coefficient', 'c: viscous [1/s], local [-]; b: fading [-]; negative: '// &
-                    'from the scene''s lowest frequency, 0.3 and 3', &
+                key('damping_coefficient', 'c: viscous [1/s], local [-]; b: fading [-]; '// &
+                    'negative: from the scene''s lowest frequency, 0.3 and 3', &
                     only='damping = ''viscous'', ''local'' or ''fading''', &
                     applies=mechanics%damping /= 'none', undecided=mechanics%damping == ''))
     call v%real(mechanics%density_scaling, &
@@ -525,7 +525,8 @@ contains
                       undecided=state%effective_stress == ''))
     call v%integer(state%mode_number, &
                    key('mode_number', 'm of the initial velocity v_z = a sin(pi (2 m - 1) z / '// &
-                       '(2 H)) of a bar, H high over all regions; 0: none', range='>= 0 and <= 1000'))
+                       '(2 H)) of a bar, H high over all regions; 0: none', &
+                       range='>= 0 and <= 1000'))
     call v%real(state%mode_amplitude, &
                 key('mode_amplitude', 'a of that velocity', unit='m/s', only='mode_number > 0', &
                     applies=state%mode_number > 0))

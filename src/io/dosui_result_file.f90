@@ -948,9 +948,9 @@ contains
 
     n_history = n_history_until(old, comm, time, err)
     larger = layout
-    larger%n_step_max = max(layout%n_step_max, n_kept)
+    larger%n_step_max = n_kept + layout%n_step_max   ! the kept may not be on the new schedule
     larger%n_point = max(layout%n_point, maxval([0_i8, old%count(:n_kept)]))
-    larger%history_capacity = max(layout%history_capacity, n_history)
+    larger%history_capacity = n_history + layout%history_capacity
     call self%create(comm, old%path, larger, err)
     if (err%failed()) return
     call copy_history(self, comm, old, n_history, err)

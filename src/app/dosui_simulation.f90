@@ -322,8 +322,8 @@ contains
     end do
     call model%log%info('undrained equilibrium after '//to_text(n_iteration)//' iterations')
     if (pass > equilibrium_passes) then
-      call model%log%warning('undrained equilibrium: still disturbed by moving the particles after '// &
-                             to_text(equilibrium_passes)//' passes')
+      call model%log%warning('undrained equilibrium: moving the particles still disturbs it '// &
+                             'after '//to_text(equilibrium_passes)//' passes')
     end if
   end subroutine undrained_start
 

@@ -40,9 +40,6 @@ contains
     model%centred = model%coupled .and. .not. model%rigid .and. &
                     scene%mechanics%average_volume_change
     if (scene%mechanics%coupling_gradient == 'particle') model%centred = .false.
-    if (scene%mechanics%coupling_gradient == 'auto' .and. scene%shape_function /= 'linear') then
-      model%centred = .false.
-    end if
     n = size(scene%hydraulic_condition)
     allocate (model%condition_surface(n))
     do k = 1, n

@@ -3,18 +3,18 @@ module dosui_simulation
   use dosui_kinds, only: wp, i8
   use dosui_dimension, only: ndim
   use dosui_communicator, only: communicator_t
+  use dosui_equilibrium, only: find_equilibrium
   use dosui_error, only: error_t
   use dosui_explicit, only: choose_explicit_step, explicit_step
   use dosui_model, only: model_t
+  use dosui_point_set, only: point_set_t
   use dosui_probes, only: check_probes
-  use dosui_relaxation, only: relaxation_t
   use dosui_run_files, only: run_files_t
-  use dosui_scene, only: name_length, scene_t
+  use dosui_scene, only: scene_t
   use dosui_setup, only: describe_model, finish_setup, seed_model, setup_model
   use dosui_signals, only: signal_received, signals_watch
-  use dosui_skeleton_step, only: nodal_kinetic_energy, zero_velocities
   use dosui_text, only: to_text
-  use dosui_topology, only: build_geometry, distribute, needs_rebuild
+  use dosui_topology, only: build_geometry, distribute, needs_rebuild, refresh_storage
   implicit none
   private
 
@@ -23,7 +23,8 @@ module dosui_simulation
   integer, parameter, public :: status_finished = 0, status_failed = 1, status_bad_input = 2, &
                                 status_stopped = 3   !! exit statuses
   integer, parameter :: check_interval = 64          !! steps between looks at signals and NaN
-  integer, parameter :: relaxation_limit = 2000000   !! steps
+  integer, parameter :: equilibrium_passes = 20       !! of updated scenes
+  real(wp), parameter :: pass_reduction = 1.0e-9_wp   !! of their residual [-]
 
 contains
 
@@ -114,7 +115,7 @@ contains
 
     status = status_failed
     if (from_start) then
-      if (model%scene%time%undrained_start .and. .not. model%rigid) call relax(model, err)
+      if (model%scene%time%undrained_start .and. .not. model%rigid) call undrained_start(model, err)
       if (err%failed()) return
       call files%sample(model)
       call files%write_step(model, err)
@@ -169,20 +170,37 @@ contains
     call choose_explicit_step(model)
     call explicit_step(model, .true., err)
     call model%clock%advance()
-    if (.not. model%updated) return
+    if (model%updated) call keep_up(model, err)
+  end subroutine step
+
+  subroutine keep_up(model, err)
+    !! After a step of an updated scene: grid, owners and neighbourhoods follow the particles.
+    type(model_t), intent(inout) :: model
+    type(error_t), intent(inout) :: err
+
     call model%comm%agree(err)   ! only in updated scenes can a single rank fail within a step
     if (err%failed()) return
     if (needs_rebuild(model)) then
-      call remove_leavers(model, err)
-      if (.not. err%failed()) call distribute(model, err)
-      if (.not. err%failed()) call build_geometry(model, err)
+      call rebuild(model, err)
     else
       call follow(model, err)
     end if
-  end subroutine step
+  end subroutine keep_up
+
+  subroutine rebuild(model, err)
+    !! Particles go to their owners, everything that depends on places is built anew. Collective.
+    type(model_t), intent(inout) :: model
+    type(error_t), intent(inout) :: err
+
+    call check_state(model, err)   ! a position that is no number would only seem to leave
+    if (.not. err%failed()) call remove_leavers(model, err)
+    if (.not. err%failed()) call distribute(model, err)
+    if (.not. err%failed()) call build_geometry(model, err)
+    call model%comm%agree(err)
+  end subroutine rebuild
 
   subroutine follow(model, err)
-    !! Cells, patches and cell volumes of particles that moved within the grid.
+    !! Cells, patches, cell volumes and storage of particles that moved within the grid.
     type(model_t), intent(inout) :: model
     type(error_t), intent(inout) :: err
     integer :: n_lost, n
@@ -194,10 +212,11 @@ contains
                                  to_text(model%clock%time)//' s: the run is unstable')
     call model%comm%agree(err)
     if (err%failed()) return
-    if (model%averaged .or. model%centred) then
+    if (model%averaged .or. model%coupled) then
       call model%average%set_weights(model%comm, model%grid, n, model%cell, &
                                      model%particles%field(model%p%volume)%values)
     end if
+    if (model%coupled) call refresh_storage(model)
   end subroutine follow
 
   subroutine remove_leavers(model, err)
@@ -277,32 +296,49 @@ contains
     end do
   end function describe_particle
 
-  subroutine relax(model, err)
-    !! Undrained equilibrium under the loads at t = 0 by kinetic damping, before the clock starts.
+  subroutine undrained_start(model, err)
+    !! Undrained equilibrium under the loads at t = 0, before the clock starts. In updated scenes
+    !! the particles then move, and the equilibrium is sought again where they are.
     type(model_t), intent(inout) :: model
     type(error_t), intent(inout) :: err
-    type(relaxation_t) :: relaxation
-    integer :: k, affine
-    character(len=name_length) :: transfer
+    real(wp), allocatable :: before(:, :), before_surface(:, :)
+    real(wp) :: first
+    integer :: pass, n_iteration, last_iteration
 
-    ! FLIP keeps the energy that APIC would lose between peaks, so that peaks are the body's own.
-    affine = model%p%affine
-    transfer = model%scene%mechanics%transfer
-    model%p%affine = 0
-    model%scene%mechanics%transfer = 'flip'
-    do k = 1, relaxation_limit
-      call choose_explicit_step(model)
-      call explicit_step(model, .false., err)
+    first = -1.0_wp
+    n_iteration = 0
+    do pass = 1, equilibrium_passes
+      last_iteration = n_iteration
+      before = model%particles%field(model%p%displacement)%values(:, 1:model%particles%count)
+      before_surface = model%surface%field(model%s%displacement)%values(:, 1:model%surface%count)
+      call find_equilibrium(model, merge(pass_reduction, 0.0_wp, model%updated), n_iteration, &
+                            first, err)
       if (err%failed()) return
-      if (.not. relaxation%passed_peak(model%comm%sum(nodal_kinetic_energy(model)))) cycle
-      call zero_velocities(model)
-      if (relaxation%settled()) exit
+      if (.not. model%updated .or. n_iteration == last_iteration) exit
+      call move_by(model%particles, model%p%position, model%p%displacement, before)
+      call move_by(model%surface, model%s%position, model%s%displacement, before_surface)
+      call rebuild(model, err)
+      if (err%failed()) return
     end do
-    model%p%affine = affine
-    model%scene%mechanics%transfer = transfer
-    call model%log%info('undrained equilibrium after '//to_text(k)//' steps, '// &
-                        to_text(relaxation%n_peak)//' peaks of the kinetic energy')
-  end subroutine relax
+    call model%log%info('undrained equilibrium after '//to_text(n_iteration)//' iterations')
+    if (pass > equilibrium_passes) then
+      call model%log%warning('undrained equilibrium: moving the particles still disturbs it '// &
+                             'after '//to_text(equilibrium_passes)//' passes')
+    end if
+  end subroutine undrained_start
+
+  pure subroutine move_by(set, position, displacement, before)
+    !! Moves points by what their displacements have grown.
+    type(point_set_t), intent(inout) :: set
+    integer, intent(in) :: position, displacement   !! fields
+    real(wp), intent(in) :: before(:, :)            !! displacements at the last position [m]
+    integer :: p
+
+    do p = 1, set%count
+      set%field(position)%values(:, p) = set%field(position)%values(:, p) + &
+                                         set%field(displacement)%values(:, p) - before(:, p)
+    end do
+  end subroutine move_by
 
   subroutine checkpoint_if_due(model, files, last, err)
     !! Writes a checkpoint every so many steps or minutes. Collective.

@@ -32,6 +32,7 @@ module dosui_grid
     integer, allocatable :: node_index(:, :)       !! (ndim, n_node) integer coordinates
     integer, allocatable :: patch_node(:, :)       !! (width**ndim, n_patch) nodes, x fastest
     integer, allocatable :: patch_base(:, :)       !! (ndim, n_patch) coordinates of the base node
+    integer, allocatable :: patch_fold(:, :)       !! (ndim, n_patch) -1, 0 or 1: end of the body
     integer, allocatable :: cell_node(:, :)        !! (2**ndim, n_cell) corner nodes, x fastest
     integer, allocatable :: cell_base(:, :)        !! (ndim, n_cell) integer coordinates
     integer, allocatable :: cell_block(:)          !! (n_cell) block of each cell
@@ -39,6 +40,7 @@ module dosui_grid
   contains
     procedure :: build => grid_build
     procedure :: locate => grid_locate
+    procedure :: find_ends => grid_find_ends
     procedure :: memory_bytes => grid_memory_bytes
   end type grid_t
 
@@ -79,6 +81,8 @@ contains
     call link_nodes(self)
     call link_blocks(self)
     call find_shared(self, comm)
+    if (allocated(self%patch_fold)) deallocate (self%patch_fold)
+    allocate (self%patch_fold(ndim, self%n_patch), source=0)
   end subroutine grid_build
 
   subroutine touched_keys(n, position, origin, spacing, margin, shift, keys)
@@ -350,6 +354,40 @@ contains
       n_lost = count(patch == 0 .or. cell == 0)
     end if
   end subroutine grid_locate
+
+  subroutine grid_find_ends(self, comm, n, cell)
+    !! Finds the patches on whose one side all cells are empty. Collective.
+    class(grid_t), intent(inout) :: self
+    type(communicator_t), intent(in) :: comm
+    integer, intent(in) :: n
+    integer, intent(in) :: cell(n)           !! of the particles
+    real(wp), allocatable :: occupied(:, :)  ! cells below and above each node, per direction
+    integer :: p, c, d, k, centre
+    logical :: below, above
+
+    if (self%width == 2) return
+    allocate (occupied(2*ndim, self%n_node), source=0.0_wp)
+    do p = 1, n
+      if (cell(p) == 0) cycle
+      do c = 1, 2**ndim
+        do d = 1, ndim
+          k = merge(2*d - 1, 2*d, btest(c - 1, d - 1))
+          occupied(k, self%cell_node(c, cell(p))) = 1.0_wp
+        end do
+      end do
+    end do
+    call self%node_map%scatter_add(comm, 2*ndim, occupied)
+    call self%node_map%gather(comm, 2*ndim, occupied)
+    centre = (self%width**ndim + 1)/2
+    do p = 1, self%n_patch
+      do d = 1, ndim
+        below = occupied(2*d - 1, self%patch_node(centre, p)) > 0.5_wp
+        above = occupied(2*d, self%patch_node(centre, p)) > 0.5_wp
+        self%patch_fold(d, p) = merge(1, 0, below .and. .not. above) - &
+                                merge(1, 0, above .and. .not. below)
+      end do
+    end do
+  end subroutine grid_find_ends
 
   pure subroutine locate_bases(n, position, origin, spacing, shift, n_base, base, key, found, &
                                n_lost)

@@ -3,6 +3,11 @@
 !! A particle touches a patch of `width` nodes per direction, counted from its base node. The
 !! local coordinate xi = x/h - base is measured from that node: xi in [0, 1) for linear hats,
 !! [1/2, 3/2) for the others. Derivatives are taken with respect to xi (divide by h for 1/m).
+!!
+!! Where a body ends, wide functions reach nodes beyond its surface that little mass and no
+!! condition holds. Patches with empty cells on one side are therefore folded there: the outer
+!! node follows the two others, v_0 = 2 v_1 - v_2, so that linear fields are kept and the field
+!! on a surface through node 1 is that node's value (cf. Steffen et al. 2008 on end functions).
 module dosui_shape_functions
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim
@@ -135,7 +140,7 @@ contains
   end subroutine patch_offsets
 
   pure subroutine patch_weights(kind, half_domain, origin, spacing, n, patch, position, n_patch, &
-                                patch_base, n_groups, weight, gradient)
+                                patch_base, patch_fold, n_groups, weight, gradient)
     !! Kernel: weights and gradients at the nodes of each particle's patch, x fastest, in groups.
     integer, intent(in) :: kind
     real(wp), intent(in) :: half_domain                   !! GIMP only [-]
@@ -145,6 +150,7 @@ contains
     real(wp), intent(in) :: position(ndim, n)             !! [m]
     integer, intent(in) :: n_patch
     integer, intent(in) :: patch_base(ndim, n_patch)      !! base node of the patches
+    integer, intent(in) :: patch_fold(ndim, n_patch)      !! -1, 0 or 1: folded end (not hats)
     integer, intent(in) :: n_groups                       !! of group_count
     real(wp), intent(out) :: weight(n_group, n_groups, n)            !! [-]
     real(wp), intent(out) :: gradient(n_group, n_groups, ndim, n)    !! [1/m]
@@ -154,7 +160,7 @@ contains
                                 gradient)
     else
       call wide_patch_weights(kind, half_domain, origin, spacing, n, patch, position, n_patch, &
-                              patch_base, weight, gradient)
+                              patch_base, patch_fold, weight, gradient)
     end if
   end subroutine patch_weights
 
@@ -194,7 +200,7 @@ contains
   end subroutine linear_patch_weights
 
   pure subroutine wide_patch_weights(kind, half_domain, origin, spacing, n, patch, position, &
-                                     n_patch, patch_base, weight, gradient)
+                                     n_patch, patch_base, patch_fold, weight, gradient)
     !! Products of GIMP or B-spline weights at the 3**ndim nodes of a patch.
     integer, intent(in) :: kind
     real(wp), intent(in) :: half_domain
@@ -203,7 +209,7 @@ contains
     integer, intent(in) :: patch(n)
     real(wp), intent(in) :: position(ndim, n)
     integer, intent(in) :: n_patch
-    integer, intent(in) :: patch_base(ndim, n_patch)
+    integer, intent(in) :: patch_base(ndim, n_patch), patch_fold(ndim, n_patch)
     real(wp), intent(out) :: weight(n_padded, n), gradient(n_padded, ndim, n)
     integer :: d, p
     real(wp) :: inverse, xi, w(0:2, ndim), s(0:2, ndim), factor(0:2, ndim)
@@ -219,6 +225,10 @@ contains
         else
           call bspline_weights(xi, w(:, d), s(:, d))
         end if
+        if (patch_fold(d, patch(p)) /= 0) then
+          call fold(patch_fold(d, patch(p)), w(:, d))
+          call fold(patch_fold(d, patch(p)), s(:, d))
+        end if
       end do
       call multiply_out(w, weight(1:n_wide, p))
       do d = 1, ndim
@@ -228,6 +238,18 @@ contains
       end do
     end do
   end subroutine wide_patch_weights
+
+  pure subroutine fold(end, factor)
+    !! Gives the share of the outer node to the two others.
+    integer, intent(in) :: end                   !! -1: below, 1: above
+    real(wp), intent(inout) :: factor(-1:1)
+    real(wp) :: share
+
+    share = factor(end)
+    factor(end) = 0.0_wp
+    factor(0) = factor(0) + 2.0_wp*share
+    factor(-end) = factor(-end) - share
+  end subroutine fold
 
   pure subroutine multiply_out(factor, products)
     !! Products of one factor per direction, x fastest: the list grows threefold in each direction.

@@ -46,6 +46,7 @@ module dosui_model
     logical :: coupled = .false.     !! water is computed
     logical :: rigid = .false.       !! skeleton does not move: mechanics is skipped
     logical :: updated = .false.     !! particles move, geometry follows
+    logical :: relaxing = .false.    !! an equilibrium is sought: particles keep their places
     logical :: averaged = .false.    !! volume change is averaged over cells
     logical :: centred = .false.     !! water and skeleton meet through gradients at cell centres
 
@@ -86,6 +87,7 @@ module dosui_model
     real(wp), allocatable :: head(:)          !! of owned and ghost particles [m]
     real(wp), allocatable :: elevation(:)     !! likewise [m]
     real(wp) :: spacing = 0.0_wp              !! smallest particle spacing [m]
+    real(wp) :: largest_row_sum = 0.0_wp      !! of this rank's head operator [1/(m s)]
     real(wp) :: diffusion_limit = huge(1.0_wp)   !! explicit limit of the water's diffusion [s]
     integer :: substeps = 1                   !! of the water in a step of the skeleton
     integer :: stages = 0                     !! of super-time-stepping; 0: Euler sub-steps

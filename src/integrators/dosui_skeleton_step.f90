@@ -14,7 +14,7 @@ module dosui_skeleton_step
 
   real(wp), parameter :: light_node = 1.0e-6_wp   !! of a full cell's mass [-]
 
-  public :: gather_forces, update_nodes, update_particles, zero_velocities, nodal_kinetic_energy
+  public :: gather_forces, update_nodes, update_particles, zero_velocities, nodal_accelerations
 
 contains
 
@@ -131,6 +131,19 @@ contains
     call model%timers%stop(model%phase%nodes)
   end subroutine update_nodes
 
+  subroutine nodal_accelerations(model, acceleration)
+    !! Accelerations of nodes at rest under the forces at hand; held nodes stay where they are.
+    type(model_t), intent(inout) :: model
+    real(wp), intent(out) :: acceleration(:, :)   !! (ndim, n_node) [m/s2]
+
+    call advance_velocities(model%grid%n_node, 1.0_wp, &
+                            light_node*model%density*model%grid%spacing**ndim, model%nodal, &
+                            model%velocity_old, acceleration)
+    call model%nodal_conditions%apply(model%comm, model%scene%mechanical_condition, model%grid, &
+                                      model%clock%time, 1.0_wp, model%nodal(1, :), &
+                                      model%velocity_old, acceleration, at_rest=.true.)
+  end subroutine nodal_accelerations
+
   pure subroutine advance_velocities(n, dt, least_mass, nodal, velocity_old, velocity)
     !! Kernel: v = p/m, v + dt f/m. A node that particles hardly touch keeps its velocity, since
     !! f/m would be a quotient of vanishing numbers; massless nodes rest.
@@ -190,20 +203,22 @@ contains
     !! Grid to particles, with or without an affine field.
     type(model_t), intent(inout) :: model
     real(wp) :: flip
+    logical :: moves
 
+    moves = model%updated .and. .not. model%relaxing
     flip = 0.0_wp
     if (model%scene%mechanics%transfer == 'flip') flip = 1.0_wp
     if (model%scene%mechanics%transfer == 'blend') flip = model%scene%mechanics%flip_fraction
     associate (field => model%particles%field, h => model%p, n => model%particles%count)
       if (h%affine > 0) then
         call grid_to_particles(model%grid, n, model%patch, model%clock%dt, flip, &
-                               model%velocity_old, model%velocity, model%updated, &
+                               model%velocity_old, model%velocity, moves, &
                                field(h%position)%values, field(h%velocity)%values, &
                                field(h%displacement)%values, model%strain_increment, &
                                affine=field(h%affine)%values, spin=model%spin)
       else
         call grid_to_particles(model%grid, n, model%patch, model%clock%dt, flip, &
-                               model%velocity_old, model%velocity, model%updated, &
+                               model%velocity_old, model%velocity, moves, &
                                field(h%position)%values, field(h%velocity)%values, &
                                field(h%displacement)%values, model%strain_increment, &
                                spin=model%spin)
@@ -250,29 +265,19 @@ contains
       call model%surface_forces%point_velocity(model%velocity, field(h%velocity)%values(:, 1:n))
       field(h%displacement)%values(:, 1:n) = field(h%displacement)%values(:, 1:n) + &
                                              model%clock%dt*field(h%velocity)%values(:, 1:n)
-      if (model%updated) field(h%position)%values(:, 1:n) = field(h%position)%values(:, 1:n) + &
-                                                     model%clock%dt*field(h%velocity)%values(:, 1:n)
+      if (model%updated .and. .not. model%relaxing) then
+        field(h%position)%values(:, 1:n) = field(h%position)%values(:, 1:n) + &
+                                           model%clock%dt*field(h%velocity)%values(:, 1:n)
+      end if
     end associate
   end subroutine move_surface
 
   subroutine zero_velocities(model)
-    !! Stops all motion (kinetic damping).
+    !! Stops all motion.
     type(model_t), intent(inout) :: model
 
     model%particles%field(model%p%velocity)%values = 0.0_wp
     if (model%p%affine > 0) model%particles%field(model%p%affine)%values = 0.0_wp
     model%surface%field(model%s%velocity)%values = 0.0_wp
   end subroutine zero_velocities
-
-  real(wp) function nodal_kinetic_energy(model) result(energy)
-    !! Kinetic energy of the nodes this rank owns, after the step [J].
-    type(model_t), intent(in) :: model
-    integer :: i
-
-    energy = 0.0_wp
-    do i = 1, model%grid%n_node
-      if (model%grid%node_map%is_owned(i)) energy = energy + &
-                                               0.5_wp*model%nodal(1, i)*sum(model%velocity(:, i)**2)
-    end do
-  end function nodal_kinetic_energy
 end module dosui_skeleton_step

@@ -14,13 +14,13 @@ module dosui_topology
   use dosui_particle_to_grid, only: particles_to_grid
   use dosui_partition, only: partition_bricks
   use dosui_point_set, only: cell_order, point_set_t
-  use dosui_shape_functions, only: shape_kind_of
+  use dosui_shape_functions, only: shape_kind_of, shape_shift
   use dosui_sort, only: binary_search
   use dosui_water_step, only: surface_elevation
   implicit none
   private
 
-  public :: distribute, build_geometry, needs_rebuild
+  public :: distribute, build_geometry, needs_rebuild, refresh_storage
 
   real(wp), parameter :: inward = 1.0e-3_wp          !! surface points lie in the cell inside [h]
   real(wp), parameter :: imbalance_limit = 1.2_wp    !! repartition above this
@@ -35,15 +35,18 @@ contains
     type(error_t), intent(inout) :: err
     integer, allocatable :: order(:)
     real(wp), allocatable :: inside(:, :)
+    real(wp) :: shift
 
     if (.not. allocated(model%brick_key) .or. is_unbalanced(model)) call partition(model, err)
     if (err%failed()) return
     call send_home(model, model%particles, model%particles%field(model%p%position)%values)
     call inward_positions(model, inside)
     call send_home(model, model%surface, inside)
+    ! by patch, so that the particles of a patch are one run: for linear hats patches are cells
+    shift = shape_shift(shape_kind_of(trim(model%scene%shape_function)))*model%scene%grid_spacing
     associate (set => model%particles)
       call cell_order(set%count, set%field(model%p%position)%values, set%id, &
-                      model%scene%grid_origin, model%scene%grid_spacing, order)
+                      model%scene%grid_origin + shift, model%scene%grid_spacing, order)
       call set%reorder(order)
       if (model%updated) set%field(model%p%position_at_build)%values(:, 1:set%count) = &
         set%field(model%p%position)%values(:, 1:set%count)
@@ -170,7 +173,7 @@ contains
     call locate_surface(model, inside)
     call model%average%set_weights(model%comm, model%grid, n, model%cell, &
                                    model%particles%field(model%p%volume)%values(1, 1:n))
-    call build_conditions(model)
+    call build_conditions(model, handle)
     if (model%coupled) call build_water(model, handle)
     model%rebuilds = model%rebuilds + 1
     model%movement = 0.0_wp
@@ -212,22 +215,29 @@ contains
     call model%grid%locate(model%surface%count, inside, patch, model%surface_cell, n_lost)
   end subroutine locate_surface
 
-  subroutine build_conditions(model)
+  subroutine build_conditions(model, handle)
     !! Conditions on nodes, tractions and walls.
     type(model_t), intent(inout) :: model
+    integer, intent(in) :: handle   !! positions that the geometry is built from
     real(wp), allocatable :: nodal(:, :)
-    integer :: n, m
+    integer, allocatable :: patch(:), cell(:)
+    integer :: n, m, n_lost, surface_handle
 
     n = model%particles%count
     m = model%surface%count
-    call choose_imposition(model)
+    surface_handle = model%s%position
+    if (model%updated) surface_handle = model%s%position_at_build
+    allocate (patch(n), cell(n), source=0)
+    call model%grid%locate(n, model%particles%field(handle)%values(:, 1:n), patch, cell, n_lost)
+    call model%grid%find_ends(model%comm, n, cell)
+    call choose_imposition(model, surface_handle)
     associate (field => model%surface%field, h => model%s)
       call model%nodal_conditions%init(model%comm, model%scene%mechanical_condition, model%grid, &
-                                       m, model%surface_cell, field(h%position)%values(:, 1:m), &
+                                       m, model%surface_cell, &
+                                       field(surface_handle)%values(:, 1:m), &
                                        field(h%normal)%values(:, 1:m), model%on_nodes)
       allocate (nodal(1 + 2*ndim, model%grid%n_node))
-      call particles_to_grid(model%grid, n, model%patch, &
-                             model%particles%field(model%p%position)%values, &
+      call particles_to_grid(model%grid, n, patch, model%particles%field(handle)%values, &
                              model%particles%field(model%p%velocity)%values, &
                              model%particles%field(model%p%mass)%values, &
                              model%particles%field(model%p%volume)%values, &
@@ -236,16 +246,17 @@ contains
       call model%grid%node_map%scatter_add(model%comm, 1 + 2*ndim, nodal)
       call model%grid%node_map%gather(model%comm, 1 + 2*ndim, nodal)
       call model%surface_forces%init(model%comm, model%grid, m, model%surface_cell, &
-                                     field(h%position)%values(:, 1:m), &
+                                     field(surface_handle)%values(:, 1:m), &
                                      field(h%area)%values(1, 1:m), nodal(1, :), model%density, &
                                      model%stiffest, model%scene%mechanics%penalty, model%by_force)
     end associate
   end subroutine build_conditions
 
-  subroutine choose_imposition(model)
-    !! Conditions of motion go to nodes where the surface lies on a plane of nodes (not with
-    !! B-splines, whose nodal values are not those of the field), to penalty walls elsewhere.
+  subroutine choose_imposition(model, handle)
+    !! Conditions of motion go to nodes where the surface lies on a plane of nodes, to
+    !! penalty walls elsewhere.
     type(model_t), intent(inout) :: model
+    integer, intent(in) :: handle   !! positions of the surface points
     integer :: p, c, m
     logical :: fitted
 
@@ -254,10 +265,9 @@ contains
     allocate (model%on_nodes(size(model%scene%mechanical_condition), m), source=.false.)
     allocate (model%by_force(size(model%scene%mechanical_condition), m), source=.false.)
     do p = 1, m
-      fitted = point_on_grid_plane(model%surface%field(model%s%position)%values(:, p), &
+      fitted = point_on_grid_plane(model%surface%field(handle)%values(:, p), &
                                    model%surface%field(model%s%normal)%values(:, p), &
-                                   model%scene%grid_origin, model%scene%grid_spacing) .and. &
-               model%scene%shape_function /= 'bspline'
+                                   model%scene%grid_origin, model%scene%grid_spacing)
       do c = 1, size(model%scene%mechanical_condition)
         associate (condition => model%scene%mechanical_condition(c))
           if (model%scene%surface(nint(max(1.0_wp, &
@@ -326,7 +336,8 @@ contains
                                      field(model%s%normal)%values(:, 1:m_local), patch, &
                                      model%hydraulic_conditions%kind, point_start, point_neighbour)
     end associate
-    call build_storage(model)
+    model%largest_row_sum = model%head_operator%largest_row_sum()
+    call refresh_storage(model)
   end subroutine build_water
 
   subroutine set_all_elevations(model, n_local)
@@ -345,8 +356,9 @@ contains
     end do
   end subroutine set_all_elevations
 
-  subroutine build_storage(model)
-    !! Storage coefficients of particles, cells and blocks, and the water's explicit limit.
+  subroutine refresh_storage(model)
+    !! Storage coefficients of particles, cells and blocks, and the water's explicit limit. In
+    !! updated scenes they follow porosities and the particles' cells, step by step. Collective.
     type(model_t), intent(inout) :: model
     real(wp), allocatable :: compressibility(:), softness(:), cells(:, :), blocks(:, :), sums(:)
     real(wp) :: tau_cell, tau_block, row_sum
@@ -381,7 +393,7 @@ contains
     end associate
     model%diffusion_limit = huge(1.0_wp)
     if (n > 0) then
-      row_sum = max(model%head_operator%largest_row_sum(), tiny(1.0_wp)*1.0e9_wp)
+      row_sum = max(model%largest_row_sum, tiny(1.0_wp)*1.0e9_wp)
       model%diffusion_limit = 2.0_wp*model%scene%water%unit_weight*minval(compressibility)/row_sum
     end if
     model%diffusion_limit = model%comm%minimum(model%diffusion_limit)
@@ -399,7 +411,7 @@ contains
       call model%average%cell_means(model%comm, model%grid, 1, sums)
       cell_means(1, :) = sums
     end subroutine means
-  end subroutine build_storage
+  end subroutine refresh_storage
 
   logical function needs_rebuild(model) result(needed)
     !! Has a particle moved so far since the last build that the geometry is stale? Collective.

@@ -3,6 +3,7 @@ module dosui_water_step
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim
   use dosui_cell_average, only: cell_sums
+  use dosui_ghosts, only: gather_field
   use dosui_model, only: model_t
   use dosui_super_time_stepping, only: stage_coefficients, stage_t
   implicit none
@@ -127,6 +128,9 @@ contains
     allocate (pressure(n), rate(n))
     pressure = model%particles%field(model%p%pore_pressure)%values(1, 1:n)
     call set_elevation(model)
+    if (model%updated) then   ! pressures on surfaces are heads above the points' new places
+      call gather_field(model%comm, model%surface, model%surface_map, model%s%position)
+    end if
     call surface_elevation(model, elevation)
     call model%hydraulic_conditions%set_time(model%scene%hydraulic_condition, &
                                              model%clock%time + model%clock%dt, &
@@ -189,6 +193,10 @@ contains
     real(wp), allocatable, intent(out) :: flux(:, :)   !! (ndim, n)
     real(wp), allocatable :: head(:)
 
+    if (model%updated) then
+      call gather_field(model%comm, model%particles, model%particle_map, model%p%position)
+      call gather_field(model%comm, model%surface, model%surface_map, model%s%position)
+    end if
     call head_of_particles(model, head)
     allocate (flux(ndim, model%particles%count))
     if (model%scene%water%operator == 'two_pass') then

@@ -56,8 +56,8 @@ contains
                         has_moments, mean, change, slope, moment)
       if (has_moments) then
         call invert_moments(m, grid%origin, grid%spacing, patch(first:last), grid%n_patch, &
-                            grid%patch_base, position(:, first:last), mean, moment, &
-                            affine(:, first:last))
+                            grid%patch_base, grid%patch_fold, position(:, first:last), mean, &
+                            moment, slope, affine(:, first:last))
       else if (present(affine)) then
         affine(:, first:last) = reshape(slope(:, :, 1:m), [ndim*ndim, m])
       end if
@@ -87,7 +87,8 @@ contains
     n_node = size(grid%patch_node, 1)
     call patch_offsets(grid%shape_kind, n_groups, offset)
     call patch_weights(grid%shape_kind, grid%half_domain, grid%origin, grid%spacing, m, patch, &
-                       position, grid%n_patch, grid%patch_base, n_groups, weight, gradient)
+                       position, grid%n_patch, grid%patch_base, grid%patch_fold, n_groups, weight, &
+                       gradient)
     mean(:, 1:m) = 0.0_wp
     change(:, 1:m) = 0.0_wp
     slope(:, :, 1:m) = 0.0_wp
@@ -165,13 +166,15 @@ contains
     end do
   end subroutine gather_moments
 
-  pure subroutine invert_moments(m, origin, spacing, patch, n_patch, patch_base, position, mean, &
-                                 moment, affine)
-    !! Kernel: C = 4/h^2 sum N_i v_i (x_i - x), the affine matrix of quadratic B-splines.
+  pure subroutine invert_moments(m, origin, spacing, patch, n_patch, patch_base, patch_fold, &
+                                 position, mean, moment, slope, affine)
+    !! Kernel: C = 4/h^2 sum N_i v_i (x_i - x), the affine matrix of quadratic B-splines; along
+    !! folded directions, where this second moment vanishes, the gradient itself.
     integer, intent(in) :: m, n_patch
     real(wp), intent(in) :: origin(ndim), spacing
-    integer, intent(in) :: patch(m), patch_base(ndim, n_patch)
+    integer, intent(in) :: patch(m), patch_base(ndim, n_patch), patch_fold(ndim, n_patch)
     real(wp), intent(in) :: position(ndim, m), mean(ndim, chunk), moment(ndim, ndim, chunk)
+    real(wp), intent(in) :: slope(ndim, ndim, chunk)
     real(wp), intent(inout) :: affine(ndim, ndim, m)
     real(wp) :: local
     integer :: b, p
@@ -180,6 +183,7 @@ contains
       do b = 1, ndim
         local = (position(b, p) - origin(b))/spacing - patch_base(b, patch(p))
         affine(:, b, p) = 4.0_wp/spacing*(moment(:, b, p) - local*mean(:, p))
+        if (patch_fold(b, patch(p)) /= 0) affine(:, b, p) = slope(:, b, p)
       end do
     end do
   end subroutine invert_moments

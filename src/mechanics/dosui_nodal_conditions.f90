@@ -130,7 +130,7 @@ contains
   end subroutine add_constraints
 
   subroutine nodal_conditions_apply(self, comm, conditions, grid, time, dt, mass, velocity_old, &
-                                    velocity)
+                                    velocity, at_rest)
     !! Overwrites the constrained components of the nodal velocities before and after the step.
     !!
     !! A plate's nodes share V with (sum m) dV/dt = sum f - F, all along the outward normal: the
@@ -144,6 +144,7 @@ contains
     real(wp), intent(in) :: mass(grid%n_node)             !! nodal mass [kg]
     real(wp), intent(inout) :: velocity_old(ndim, grid%n_node)   !! before the step [m/s]
     real(wp), intent(inout) :: velocity(ndim, grid%n_node)       !! after the step [m/s]
+    logical, intent(in), optional :: at_rest      !! prescribed velocities are zero
     real(wp), allocatable :: sums(:)
     real(wp) :: factor, prescribed
     integer :: k, c, slot
@@ -178,6 +179,7 @@ contains
       case default
         prescribed = 0.0_wp
       end select
+      if (present(at_rest)) prescribed = merge(0.0_wp, prescribed, at_rest)
       velocity_old(self%direction(k), self%node(k)) = prescribed
       velocity(self%direction(k), self%node(k)) = prescribed
     end do

@@ -161,7 +161,8 @@ contains
     n_node = size(grid%patch_node, 1)
     call patch_offsets(grid%shape_kind, n_groups, offset)
     call patch_weights(grid%shape_kind, grid%half_domain, grid%origin, grid%spacing, m, patch, &
-                       position, grid%n_patch, grid%patch_base, n_groups, weight, gradient)
+                       position, grid%n_patch, grid%patch_base, grid%patch_fold, n_groups, weight, &
+                       gradient)
     first = 1
     do while (first <= m)
       last = first

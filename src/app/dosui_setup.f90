@@ -92,24 +92,30 @@ contains
     type(model_t), intent(inout) :: model
     type(error_t), intent(inout) :: err
 
+    real(wp) :: movement
+
     call find_moduli(model)
     call choose_damping(model)
+    movement = model%movement   ! of a restart: its geometry is that of the last build
     call build_geometry(model, err)
+    model%movement = movement
     call model%comm%agree(err)
   end subroutine finish_setup
 
   subroutine find_moduli(model)
-    !! Largest drained and undrained modulus, and the mean density.
+    !! Largest drained and undrained modulus, and the mean density of the undeformed body.
     type(model_t), intent(inout) :: model
     real(wp) :: sums(2), modulus, undrained
     integer :: m
 
-    associate (set => model%particles)
-      sums(1) = sum(set%field(model%p%mass)%values(1, 1:set%count))
-      sums(2) = sum(set%field(model%p%volume)%values(1, 1:set%count))
-    end associate
-    call model%comm%sum_array(sums)
-    model%density = sums(1)/sums(2)
+    if (.not. model%density > 0.0_wp) then   ! a restart has it from its checkpoint
+      associate (set => model%particles)
+        sums(1) = sum(set%field(model%p%mass)%values(1, 1:set%count))
+        sums(2) = sum(set%field(model%p%volume)%values(1, 1:set%count))
+      end associate
+      call model%comm%sum_array(sums)
+      model%density = sums(1)/sums(2)
+    end if
     model%skeleton_modulus = 0.0_wp
     model%stiffest = 0.0_wp
     do m = 1, size(model%scene%material)

@@ -97,7 +97,7 @@ contains
     call model%surface%resize(0)
     call files%read_checkpoint(model, path, same_ranks, err)
     if (err%failed()) return
-    if (.not. same_ranks) call distribute(model, err)
+    if (.not. same_ranks) call distribute(model, err, as_built=.true.)
     call model%comm%agree(err)
     call model%log%info('restart      from '//path//' at t = '//to_text(model%clock%time)//' s')
   end subroutine restore

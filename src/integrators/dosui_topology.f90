@@ -28,37 +28,58 @@ module dosui_topology
 
 contains
 
-  subroutine distribute(model, err)
+  subroutine distribute(model, err, as_built)
     !! Gives every particle and surface point to the owner of its brick of cells, and sorts them by
-    !! cell. Collective.
+    !! patch. The next build starts from the present positions, or, `as_built`, as after a restart
+    !! on other ranks, from those of the last one. Collective.
     type(model_t), intent(inout) :: model
     type(error_t), intent(inout) :: err
+    logical, intent(in), optional :: as_built
     integer, allocatable :: order(:)
     real(wp), allocatable :: inside(:, :)
     real(wp) :: shift
+    logical :: anew
 
+    anew = .true.
+    if (present(as_built)) anew = .not. as_built
+    if (model%updated .and. anew) then
+      call copy_field(model%particles, model%p%position, model%p%position_at_build)
+      call copy_field(model%surface, model%s%position, model%s%position_at_build)
+    end if
     if (.not. allocated(model%brick_key) .or. is_unbalanced(model)) call partition(model, err)
     if (err%failed()) return
-    call send_home(model, model%particles, model%particles%field(model%p%position)%values)
+    call send_home(model, model%particles, model%particles%field(build_handle(model))%values)
     call inward_positions(model, inside)
     call send_home(model, model%surface, inside)
-    ! by patch, so that the particles of a patch are one run: for linear hats patches are cells
     shift = shape_shift(shape_kind_of(trim(model%scene%shape_function)))*model%scene%grid_spacing
     associate (set => model%particles)
-      call cell_order(set%count, set%field(model%p%position)%values, set%id, &
+      call cell_order(set%count, set%field(build_handle(model))%values, set%id, &
                       model%scene%grid_origin + shift, model%scene%grid_spacing, order)
       call set%reorder(order)
-      if (model%updated) set%field(model%p%position_at_build)%values(:, 1:set%count) = &
-        set%field(model%p%position)%values(:, 1:set%count)
     end associate
     associate (set => model%surface)
-      call cell_order(set%count, set%field(model%s%position)%values, set%id, &
+      call cell_order(set%count, &
+                      set%field(merge(model%s%position_at_build, model%s%position, &
+                                      model%updated))%values, set%id, &
                       model%scene%grid_origin, model%scene%grid_spacing, order)
       call set%reorder(order)
-      if (model%updated) set%field(model%s%position_at_build)%values(:, 1:set%count) = &
-        set%field(model%s%position)%values(:, 1:set%count)
     end associate
   end subroutine distribute
+
+  pure subroutine copy_field(set, source, destination)
+    !! Copies a field of all owned points.
+    type(point_set_t), intent(inout) :: set
+    integer, intent(in) :: source, destination   !! handles
+
+    set%field(destination)%values(:, 1:set%count) = set%field(source)%values(:, 1:set%count)
+  end subroutine copy_field
+
+  pure integer function build_handle(model) result(handle)
+    !! The particle positions that the geometry is built from.
+    type(model_t), intent(in) :: model
+
+    handle = merge(model%p%position_at_build, model%p%position, model%updated)
+  end function build_handle
 
   logical function is_unbalanced(model) result(unbalanced)
     !! Does a rank hold many more particles than the mean? Collective.
@@ -86,7 +107,7 @@ contains
     model%brick_edge = max(1, int((per_brick/per_cell)**(1.0_wp/ndim)))
     if (model%brick_edge > 1) model%brick_edge = model%brick_edge - mod(model%brick_edge, 2)
     key = brick_keys(model, model%particles%count, &
-                     model%particles%field(model%p%position)%values)
+                     model%particles%field(build_handle(model))%values)
     allocate (weight(size(key)), source=1.0_wp)
     call partition_bricks(model%comm, key, weight, model%brick_key, model%brick_rank, &
                           model%partition, err)
@@ -154,10 +175,9 @@ contains
 
     call model%timers%start(model%phase%rebuild)
     n = model%particles%count
-    handle = model%p%position
+    handle = build_handle(model)
     margin = 0.0_wp
     if (model%updated) then
-      handle = model%p%position_at_build
       margin = 2.0_wp*model%scene%water%rebuild_displacement*model%spacing
     end if
     call inward_positions(model, inside)

@@ -41,7 +41,7 @@ def in_mode(mode: str) -> str:
 
 
 @pytest.mark.parametrize("ranks", [2, 3, 4, 7])
-@pytest.mark.parametrize("mode", ["small_strain"])
+@pytest.mark.parametrize("mode", ["small_strain", "updated"])
 def test_ranks(dosui: Runner, ranks: int, mode: str) -> None:
     """All fields agree to 1e-11 on any number of ranks."""
     serial = dosui(in_mode(mode), folder="serial")
@@ -51,7 +51,7 @@ def test_ranks(dosui: Runner, ranks: int, mode: str) -> None:
     assert largest_difference(serial, parallel, "terzaghi_2d") <= 1e-11
 
 
-@pytest.mark.parametrize("mode", ["small_strain"])
+@pytest.mark.parametrize("mode", ["small_strain", "updated"])
 def test_repeat_is_bit_identical(dosui: Runner, mode: str) -> None:
     """The same scene on the same ranks."""
     text = in_mode(mode)
@@ -59,7 +59,7 @@ def test_repeat_is_bit_identical(dosui: Runner, mode: str) -> None:
     assert largest_difference(runs[0], runs[1], "terzaghi_2d") == 0.0
 
 
-@pytest.mark.parametrize("mode", ["small_strain"])
+@pytest.mark.parametrize("mode", ["small_strain", "updated"])
 @pytest.mark.parametrize("ranks", [1, 2])
 def test_restart(dosui: Runner, mode: str, ranks: int) -> None:
     """A restart continues bit by bit on the same ranks, to 1e-11 on others."""

@@ -37,9 +37,7 @@ contains
     model%rigid = all(scene%material%rigid)
     model%updated = scene%deformation == 'updated'
     model%averaged = scene%mechanics%average_volume_change .and. .not. model%rigid
-    model%centred = model%coupled .and. .not. model%rigid .and. &
-                    scene%mechanics%average_volume_change
-    if (scene%mechanics%coupling_gradient == 'particle') model%centred = .false.
+    model%centred = model%averaged .and. scene%mechanics%coupling_gradient /= 'particle'
     n = size(scene%hydraulic_condition)
     allocate (model%condition_surface(n))
     do k = 1, n

@@ -14,7 +14,8 @@ module dosui_simulation
   use dosui_setup, only: describe_model, finish_setup, seed_model, setup_model
   use dosui_signals, only: signal_received, signals_watch
   use dosui_text, only: to_text
-  use dosui_topology, only: build_geometry, distribute, needs_rebuild, refresh_storage
+  use dosui_topology, only: build_geometry, distribute, needs_rebuild, refresh_storage, &
+                            refresh_weights
   implicit none
   private
 
@@ -212,10 +213,7 @@ contains
                                  to_text(model%clock%time)//' s: the run is unstable')
     call model%comm%agree(err)
     if (err%failed()) return
-    if (model%averaged .or. model%coupled) then
-      call model%average%set_weights(model%comm, model%grid, n, model%cell, &
-                                     model%particles%field(model%p%volume)%values)
-    end if
+    call refresh_weights(model)
     if (model%coupled) call refresh_storage(model)
   end subroutine follow
 

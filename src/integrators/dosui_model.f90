@@ -3,6 +3,7 @@
 module dosui_model
   use dosui_kinds, only: wp, i8
   use dosui_cell_average, only: cell_average_t
+  use dosui_cell_quadrature, only: cell_quadrature_t
   use dosui_communicator, only: communicator_t
   use dosui_grid, only: grid_t
   use dosui_head_operator, only: head_operator_t
@@ -48,7 +49,7 @@ module dosui_model
     logical :: updated = .false.     !! particles move, geometry follows
     logical :: relaxing = .false.    !! an equilibrium is sought: particles keep their places
     logical :: averaged = .false.    !! volume change is averaged over cells
-    logical :: centred = .false.     !! water and skeleton meet through gradients at cell centres
+    logical :: centred = .false.     !! means of cells come from one gradient per cell
 
     type(point_set_t) :: particles
     type(particle_handles_t) :: p
@@ -57,6 +58,7 @@ module dosui_model
     type(material_set_t) :: materials
     integer, allocatable :: material(:)       !! material of each particle
     integer, allocatable :: condition_surface(:)   !! surface of each hydraulic condition
+    logical :: lifted = .false.               !! walls take part in the cells' strains, on any rank
     logical, allocatable :: on_nodes(:, :)    !! (mechanical conditions, surface points)
     logical, allocatable :: by_force(:, :)    !! likewise: tractions and penalty walls
 
@@ -70,9 +72,11 @@ module dosui_model
     type(nodal_conditions_t) :: nodal_conditions
     type(surface_forces_t) :: surface_forces
     type(cell_average_t) :: average
+    type(cell_quadrature_t) :: quadrature
     real(wp), allocatable :: strain_increment(:, :)   !! (nsig, particles) of the step [-]
     real(wp), allocatable :: spin(:, :)               !! (nshear, particles) in updated scenes [-]
     real(wp), allocatable :: state(:, :)              !! state variables of the materials
+    real(wp), allocatable :: weight(:)                !! of particles in integrals [m3]
     real(wp), allocatable :: volume_strain(:)         !! of the step, as the water sees it [-]
     real(wp) :: density = 0.0_wp              !! mean inertial density of the body [kg/m3]
     real(wp) :: stiffest = 0.0_wp             !! largest undrained modulus M + K_w/n [Pa]

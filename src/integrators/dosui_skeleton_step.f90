@@ -1,13 +1,14 @@
 !! The skeleton's part of an explicit step: particles to grid, nodal update, grid to particles.
 module dosui_skeleton_step
   use dosui_kinds, only: wp
-  use dosui_dimension, only: ndim, voigt_slot
+  use dosui_dimension, only: ndim, nsig, voigt_slot
   use dosui_cell_average, only: cell_sums, cell_trace_sums
+  use dosui_cell_quadrature, only: cell_tensor_sums
   use dosui_damping, only: damp_forces, damping_at, damping_none
   use dosui_error, only: error_t
-  use dosui_grid_to_particle, only: cell_divergence_centre, grid_to_particles
+  use dosui_grid_to_particle, only: grid_to_particles
   use dosui_model, only: model_t
-  use dosui_particle_to_grid, only: cell_pressure_forces, particles_to_grid
+  use dosui_particle_to_grid, only: particles_to_grid
   use dosui_stress_update, only: update_stress, update_volume
   implicit none
   private
@@ -21,31 +22,16 @@ contains
   subroutine gather_forces(model)
     !! Nodal mass, momentum and force of particles and surfaces, complete on every rank.
     type(model_t), intent(inout) :: model
-    real(wp), allocatable :: mean(:), pressure(:)
     real(wp), allocatable :: gravity(:)
 
     call model%timers%start(model%phase%to_grid)
     gravity = model%scene%gravity/model%scene%mechanics%density_scaling
-    if (model%averaged .or. model%centred) call mean_cell_stresses(model, mean, pressure)
-    associate (field => model%particles%field, h => model%p, n => model%particles%count)
-      if (model%averaged .and. h%affine > 0) then
-        call particles_to_grid(model%grid, n, model%patch, field(h%position)%values, &
-                               field(h%velocity)%values, field(h%mass)%values, &
-                               field(h%volume)%values, field(h%effective_stress)%values, gravity, &
-                               model%nodal, affine=field(h%affine)%values, cell=model%cell, &
-                               cell_mean_stress=mean)
-      else if (model%averaged) then
-        call particles_to_grid(model%grid, n, model%patch, field(h%position)%values, &
-                               field(h%velocity)%values, field(h%mass)%values, &
-                               field(h%volume)%values, field(h%effective_stress)%values, gravity, &
-                               model%nodal, cell=model%cell, cell_mean_stress=mean)
-      else
-        call spread_pointwise(model, gravity)
-      end if
-    end associate
     if (model%centred) then
-      call cell_pressure_forces(model%grid%spacing, model%grid%n_cell, model%grid%cell_node, &
-                                model%average%cell_weight*pressure, model%grid%n_node, model%nodal)
+      call spread_centred(model, gravity)
+    else if (model%averaged) then
+      call spread_averaged(model, gravity)
+    else
+      call spread_pointwise(model, gravity)
     end if
     call add_surface_forces(model)
     call model%timers%stop(model%phase%to_grid)
@@ -54,6 +40,75 @@ contains
     call model%grid%node_map%gather(model%comm, 1 + 2*ndim, model%nodal)
     call model%timers%stop(model%phase%halo)
   end subroutine gather_forces
+
+  subroutine spread_centred(model, gravity)
+    !! Particles to grid: mean stresses through the cells' gradients, deviations at particles.
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: gravity(ndim)   !! [m/s2]
+    real(wp), allocatable :: affine(:, :), stress(:, :), pressure(:)
+    integer :: a
+
+    allocate (stress(nsig, model%grid%n_cell), pressure(model%grid%n_cell))
+    associate (field => model%particles%field, h => model%p, n => model%particles%count)
+      call cell_tensor_sums(n, model%cell, model%weight, field(h%effective_stress)%values, &
+                            model%grid%n_cell, stress)
+      call model%average%cell_means(model%comm, model%grid, nsig, stress)
+      if (h%affine > 0) affine = field(h%affine)%values(:, 1:n)
+      call particles_to_grid(model%grid, n, model%patch, field(h%position)%values, &
+                             field(h%velocity)%values, field(h%mass)%values, model%weight, &
+                             field(h%effective_stress)%values, gravity, model%nodal, &
+                             affine=affine, cell=model%cell, cell_stress=stress)
+    end associate
+    if (model%coupled) then
+      call mean_cell_pressures(model, pressure)
+      do a = 1, ndim
+        stress(voigt_slot(a, a), :) = stress(voigt_slot(a, a), :) - pressure
+      end do
+    end if
+    call model%quadrature%forces(model%grid, model%average%cell_weight, stress, &
+                                 model%nodal(2 + ndim:, :))
+    if (.not. model%lifted) return
+    associate (field => model%surface%field, h => model%s, m => model%surface%count)
+      call model%surface_forces%react(model%scene%mechanical_condition, &
+                                      field(h%area)%values(1, 1:m), &
+                                      field(h%normal)%values(:, 1:m), model%surface_cell, stress, &
+                                      model%nodal(2 + ndim:, :))
+    end associate
+  end subroutine spread_centred
+
+  subroutine spread_averaged(model, gravity)
+    !! Particles to grid: mean normal stress and pressure of the cells, at the particles (B-bar).
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: gravity(ndim)   !! [m/s2]
+    real(wp), allocatable :: affine(:, :), mean(:), pressure(:)
+
+    allocate (mean(model%grid%n_cell), pressure(model%grid%n_cell))
+    associate (field => model%particles%field, h => model%p, n => model%particles%count)
+      call cell_trace_sums(n, model%cell, model%weight, field(h%effective_stress)%values, &
+                           model%grid%n_cell, mean)
+      call model%average%cell_means(model%comm, model%grid, 1, mean)
+      mean = mean/real(ndim, wp)
+      if (model%coupled) then
+        call mean_cell_pressures(model, pressure)
+        mean = mean - pressure
+      end if
+      if (h%affine > 0) affine = field(h%affine)%values(:, 1:n)
+      call particles_to_grid(model%grid, n, model%patch, field(h%position)%values, &
+                             field(h%velocity)%values, field(h%mass)%values, model%weight, &
+                             field(h%effective_stress)%values, gravity, model%nodal, &
+                             affine=affine, cell=model%cell, cell_mean_stress=mean)
+    end associate
+  end subroutine spread_averaged
+
+  subroutine mean_cell_pressures(model, pressure)
+    !! Cell means of the pore pressure, compression positive [Pa].
+    type(model_t), intent(inout) :: model
+    real(wp), intent(out) :: pressure(:)
+
+    call cell_sums(model%particles%count, model%cell, model%weight, &
+                   model%particles%field(model%p%pore_pressure)%values, model%grid%n_cell, pressure)
+    call model%average%cell_means(model%comm, model%grid, 1, pressure)
+  end subroutine mean_cell_pressures
 
   subroutine spread_pointwise(model, gravity)
     !! Particles to grid without averages: every particle's own stress and pressure.
@@ -64,7 +119,7 @@ contains
     ! absent optional arguments are unallocated actual arguments (Fortran 2008, 12.5.2.12)
     associate (h => model%p, n => model%particles%count)
       if (h%affine > 0) affine = model%particles%field(h%affine)%values(:, 1:n)
-      if (model%coupled .and. .not. model%centred) then
+      if (model%coupled) then
         pressure = model%particles%field(h%pore_pressure)%values(1, 1:n)
       end if
       call particles_to_grid(model%grid, n, model%patch, model%particles%field(h%position)%values, &
@@ -75,29 +130,6 @@ contains
                              model%nodal, affine=affine, pore_pressure=pressure)
     end associate
   end subroutine spread_pointwise
-
-  subroutine mean_cell_stresses(model, mean, pressure)
-    !! Cell means of the mean stress (with the pressure in it unless it acts at cell centres) and
-    !! of the pressure.
-    type(model_t), intent(inout) :: model
-    real(wp), allocatable, intent(out) :: mean(:)       !! tension positive [Pa]
-    real(wp), allocatable, intent(out) :: pressure(:)   !! compression positive [Pa]
-
-    allocate (mean(model%grid%n_cell), pressure(model%grid%n_cell))
-    associate (field => model%particles%field, h => model%p, n => model%particles%count)
-      if (model%coupled) then
-        call cell_sums(n, model%cell, field(h%volume)%values, field(h%pore_pressure)%values, &
-                       model%grid%n_cell, pressure)
-        call model%average%cell_means(model%comm, model%grid, 1, pressure)
-      end if
-      if (.not. model%averaged) return
-      call cell_trace_sums(n, model%cell, field(h%volume)%values, &
-                           field(h%effective_stress)%values, model%grid%n_cell, mean)
-      call model%average%cell_means(model%comm, model%grid, 1, mean)
-      mean = mean/real(ndim, wp)
-      if (model%coupled .and. .not. model%centred) mean = mean - pressure
-    end associate
-  end subroutine mean_cell_stresses
 
   subroutine add_surface_forces(model)
     !! Tractions and penalty walls.
@@ -170,24 +202,26 @@ contains
     !! Velocities, displacements, strains, stresses and volumes of particles; surface points.
     type(model_t), intent(inout) :: model
     type(error_t), intent(inout) :: err
-    real(wp), allocatable :: cell_strain(:)
+    real(wp), allocatable :: cell_strain(:), shift(:, :)
     integer :: n_inverted
 
     call model%timers%start(model%phase%to_particles)
     call move_particles(model)
     call model%timers%stop(model%phase%to_particles)
     call model%timers%start(model%phase%stress)
+    if (model%centred) then
+      call find_cell_strains(model, cell_strain, shift)
+    else if (model%averaged) then
+      allocate (cell_strain(model%grid%n_cell))
+      call cell_trace_sums(model%particles%count, model%cell, model%weight, &
+                           model%strain_increment, model%grid%n_cell, cell_strain)
+      call model%average%cell_means(model%comm, model%grid, 1, cell_strain)
+    end if
+    call find_volume_strain(model, cell_strain)
     associate (field => model%particles%field, h => model%p, n => model%particles%count)
-      if (model%averaged) then
-        allocate (cell_strain(model%grid%n_cell))
-        call cell_trace_sums(n, model%cell, field(h%volume)%values, model%strain_increment, &
-                             model%grid%n_cell, cell_strain)
-        call model%average%cell_means(model%comm, model%grid, 1, cell_strain)
-      end if
-      call find_volume_strain(model, cell_strain)
       call update_stress(model%materials, n, model%material, model%strain_increment, &
                          field(h%effective_stress)%values, model%state, err, cell=model%cell, &
-                         cell_volume_strain=cell_strain, spin=model%spin)
+                         cell_volume_strain=cell_strain, cell_shift=shift, spin=model%spin)
       if (model%updated) then
         call update_volume(n, model%strain_increment, field(h%volume)%values, &
                            field(h%porosity)%values, n_inverted, cell=model%cell, &
@@ -227,35 +261,71 @@ contains
   end subroutine move_particles
 
   subroutine find_volume_strain(model, cell_strain)
-    !! Volume change of the step as the water sees it: at cell centres, as the cell's mean, or the
-    !! particle's own.
+    !! Volume change of the step as the water sees it: the cell's or the particle's own.
     type(model_t), intent(inout) :: model
     real(wp), allocatable, intent(in) :: cell_strain(:)
-    real(wp), allocatable :: divergence(:)
     integer :: p, d
 
     if (.not. model%coupled) return
-    if (model%centred) then
-      allocate (divergence(model%grid%n_cell))
-      call cell_divergence_centre(model%grid%spacing, model%grid%n_cell, model%grid%cell_node, &
-                                  model%grid%n_node, model%velocity, divergence)
-      do p = 1, model%particles%count
-        model%volume_strain(p) = model%clock%dt*divergence(model%cell(p))
-      end do
-    else if (model%averaged) then
-      do p = 1, model%particles%count
+    do p = 1, model%particles%count
+      if (allocated(cell_strain)) then
         model%volume_strain(p) = cell_strain(model%cell(p))
+        cycle
+      end if
+      model%volume_strain(p) = 0.0_wp
+      do d = 1, ndim
+        model%volume_strain(p) = model%volume_strain(p) + &
+                                 model%strain_increment(voigt_slot(d, d), p)
       end do
-    else
-      do p = 1, model%particles%count
-        model%volume_strain(p) = 0.0_wp
-        do d = 1, ndim
-          model%volume_strain(p) = model%volume_strain(p) + &
-                                   model%strain_increment(voigt_slot(d, d), p)
-        end do
-      end do
-    end if
+    end do
   end subroutine find_volume_strain
+
+  subroutine find_cell_strains(model, volume_strain, shift)
+    !! Volume strains of cells from their own gradients, and what brings the mean of the particles'
+    !! strains to that of their cell.
+    type(model_t), intent(inout) :: model
+    real(wp), allocatable, intent(out) :: volume_strain(:)   !! (n_cell) [-]
+    real(wp), allocatable, intent(out) :: shift(:, :)        !! (nsig, n_cell) [-]
+    real(wp), allocatable :: mean(:, :)
+    integer :: a
+
+    allocate (volume_strain(model%grid%n_cell), source=0.0_wp)
+    allocate (shift(nsig, model%grid%n_cell), mean(nsig, model%grid%n_cell))
+    call model%quadrature%strains(model%grid, model%clock%dt, model%velocity, shift)
+    if (model%lifted) call lift_walls(model, shift)
+    do a = 1, ndim
+      volume_strain = volume_strain + shift(voigt_slot(a, a), :)
+    end do
+    call cell_tensor_sums(model%particles%count, model%cell, model%weight, &
+                          model%strain_increment, model%grid%n_cell, mean)
+    call model%average%cell_means(model%comm, model%grid, nsig, mean)
+    shift = shift - mean
+  end subroutine find_cell_strains
+
+  subroutine lift_walls(model, strain)
+    !! Takes the motion against penalty walls out of the cells' strains. Collective.
+    type(model_t), intent(inout) :: model
+    real(wp), intent(inout) :: strain(:, :)    !! (nsig, n_cell) [-]
+    real(wp), allocatable :: lift(:, :), velocity(:, :)
+    integer :: c
+
+    allocate (lift(nsig, model%grid%n_cell), source=0.0_wp)
+    allocate (velocity(ndim, model%surface%count))
+    call model%surface_forces%point_velocity(model%velocity, velocity)
+    associate (field => model%surface%field, h => model%s, m => model%surface%count)
+      call model%surface_forces%lift(model%scene%mechanical_condition, &
+                                     model%clock%time + model%clock%dt, model%relaxing, &
+                                     field(h%area)%values(1, 1:m), &
+                                     field(h%normal)%values(:, 1:m), velocity, &
+                                     model%surface_cell, lift)
+    end associate
+    call model%grid%cell_map%scatter_add(model%comm, nsig, lift)
+    call model%grid%cell_map%gather(model%comm, nsig, lift)
+    do c = 1, model%grid%n_cell
+      if (.not. model%quadrature%measure(c) > 0.0_wp) cycle
+      strain(:, c) = strain(:, c) + lift(:, c)*(model%clock%dt/model%quadrature%measure(c))
+    end do
+  end subroutine lift_walls
 
   subroutine move_surface(model)
     !! Surface points follow the grid.

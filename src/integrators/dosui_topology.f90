@@ -20,7 +20,7 @@ module dosui_topology
   implicit none
   private
 
-  public :: distribute, build_geometry, needs_rebuild, refresh_storage
+  public :: distribute, build_geometry, needs_rebuild, refresh_storage, refresh_weights
 
   real(wp), parameter :: inward = 1.0e-3_wp          !! surface points lie in the cell inside [h]
   real(wp), parameter :: imbalance_limit = 1.2_wp    !! repartition above this
@@ -179,6 +179,8 @@ contains
     margin = 0.0_wp
     if (model%updated) then
       margin = 2.0_wp*model%scene%water%rebuild_displacement*model%spacing
+    else if (model%centred .and. .not. is_fitted(model)) then
+      margin = 2.0_wp*model%scene%grid_spacing   ! parts of cells look for their neighbours
     end if
     call inward_positions(model, inside)
     call model%grid%build(model%comm, model%scene%grid_spacing, model%scene%grid_origin, &
@@ -191,9 +193,8 @@ contains
                            model%cell, n_lost)
     if (n_lost > 0) call err%set('particles lie outside the background grid')
     call locate_surface(model, inside)
-    call model%average%set_weights(model%comm, model%grid, n, model%cell, &
-                                   model%particles%field(model%p%volume)%values(1, 1:n))
     call build_conditions(model, handle)
+    call refresh_weights(model)
     if (model%coupled) call build_water(model, handle)
     model%rebuilds = model%rebuilds + 1
     model%movement = 0.0_wp
@@ -213,6 +214,8 @@ contains
     end if
     if (allocated(model%spin)) deallocate (model%spin)
     if (allocated(model%volume_strain)) deallocate (model%volume_strain)
+    if (allocated(model%weight)) deallocate (model%weight)
+    allocate (model%weight(n), source=0.0_wp)
     allocate (model%patch(n), model%cell(n), model%surface_cell(model%surface%count), source=0)
     allocate (model%nodal(1 + 2*ndim, model%grid%n_node), source=0.0_wp)
     allocate (model%velocity_old(ndim, model%grid%n_node), source=0.0_wp)
@@ -250,6 +253,7 @@ contains
     allocate (patch(n), cell(n), source=0)
     call model%grid%locate(n, model%particles%field(handle)%values(:, 1:n), patch, cell, n_lost)
     call model%grid%find_ends(model%comm, n, cell)
+    if (model%centred) call build_quadrature(model, handle, surface_handle, cell)
     call choose_imposition(model, surface_handle)
     associate (field => model%surface%field, h => model%s)
       call model%nodal_conditions%init(model%comm, model%scene%mechanical_condition, model%grid, &
@@ -270,7 +274,71 @@ contains
                                      field(h%area)%values(1, 1:m), nodal(1, :), model%density, &
                                      model%stiffest, model%scene%mechanics%penalty, model%by_force)
     end associate
+    model%lifted = model%centred .and. &
+                   model%comm%any(model%surface_forces%has_lifts(model%scene%mechanical_condition))
   end subroutine build_conditions
+
+  subroutine build_quadrature(model, handle, surface_handle, cell)
+    !! Measures and gradients of cells. In small-strain scenes particles and surface points of
+    !! small parts of cells move to the cells that these parts belong to.
+    type(model_t), intent(inout) :: model
+    integer, intent(in) :: handle, surface_handle   !! positions
+    integer, intent(in) :: cell(:)                  !! of the particles there
+    logical, allocatable :: cuts(:)
+    integer :: p, n
+
+    n = model%particles%count
+    if (.not. model%updated) then
+      call model%quadrature%init_from_shapes(model%comm, model%grid, model%scene%region, n, cell)
+      model%cell = model%quadrature%host(model%cell)
+      do p = 1, model%surface%count
+        if (model%surface_cell(p) > 0) model%surface_cell(p) = &
+          model%quadrature%host(model%surface_cell(p))
+      end do
+      return
+    end if
+    allocate (cuts(model%surface%count))
+    do p = 1, model%surface%count
+      cuts(p) = .not. point_on_grid_plane(model%surface%field(surface_handle)%values(:, p), &
+                                          model%surface%field(model%s%normal)%values(:, p), &
+                                          model%scene%grid_origin, model%scene%grid_spacing)
+    end do
+    call model%quadrature%init_from_particles(model%comm, model%grid, n, cell, &
+                                              model%particles%field(handle)%values(:, 1:n), &
+                                              model%surface%count, model%surface_cell, cuts)
+  end subroutine build_quadrature
+
+  logical function is_fitted(model) result(fitted)
+    !! Do all surfaces lie on planes of grid nodes? Collective.
+    type(model_t), intent(in) :: model
+    integer :: p
+
+    fitted = .true.
+    do p = 1, model%surface%count
+      fitted = fitted .and. &
+               point_on_grid_plane(model%surface%field(model%s%position)%values(:, p), &
+                                   model%surface%field(model%s%normal)%values(:, p), &
+                                   model%scene%grid_origin, model%scene%grid_spacing)
+    end do
+    fitted = model%comm%all(fitted)
+  end function is_fitted
+
+  subroutine refresh_weights(model)
+    !! Weights of the particles in integrals and cell means. Collective.
+    type(model_t), intent(inout) :: model
+
+    associate (n => model%particles%count, &
+               volume => model%particles%field(model%p%volume)%values)
+      if (model%centred) then
+        call model%quadrature%weigh(model%comm, model%grid, n, model%cell, volume, model%weight)
+      else
+        model%weight = volume(1, 1:n)
+      end if
+      if (model%averaged .or. model%coupled) then
+        call model%average%set_weights(model%comm, model%grid, n, model%cell, model%weight)
+      end if
+    end associate
+  end subroutine refresh_weights
 
   subroutine choose_imposition(model, handle)
     !! Conditions of motion go to nodes where the surface lies on a plane of nodes, to
@@ -425,8 +493,7 @@ contains
       real(wp), intent(in) :: values(:)
       real(wp), intent(inout) :: cell_means(:, :), block_means(:, :)
 
-      call cell_sums(n, model%cell, model%particles%field(model%p%volume)%values, values, &
-                     model%grid%n_cell, sums)
+      call cell_sums(n, model%cell, model%weight, values, model%grid%n_cell, sums)
       call model%average%block_means(model%comm, model%grid, 1, sums, block_means)
       call model%average%cell_means(model%comm, model%grid, 1, sums)
       cell_means(1, :) = sums

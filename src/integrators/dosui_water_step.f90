@@ -106,7 +106,7 @@ contains
     if (.not. model%rigid) rate(1:n) = rate(1:n) - model%volume_strain(1:n)/model%clock%dt
     if (model%storage%projected) then
       allocate (sums(model%grid%n_cell), block(model%grid%n_block))
-      call cell_sums(n, model%cell, model%particles%field(model%p%volume)%values, rate, &
+      call cell_sums(n, model%cell, model%weight, rate, &
                      model%grid%n_cell, sums)
       call model%average%block_means(model%comm, model%grid, 1, sums, block)
       call model%average%cell_means(model%comm, model%grid, 1, sums)

@@ -11,7 +11,7 @@ module dosui_grid_to_particle
   implicit none
   private
 
-  public :: grid_to_particles, cell_divergence_centre
+  public :: grid_to_particles
 
   integer, parameter :: chunk = 32   ! particles, so that their weights stay in the L1 cache
 
@@ -222,27 +222,4 @@ contains
       end do
     end do
   end subroutine set_spin
-
-  pure subroutine cell_divergence_centre(spacing, n_cell, cell_node, n_node, velocity, divergence)
-    !! Kernel: div v of the nodal field at cell centres, from hats [1/s].
-    real(wp), intent(in) :: spacing                       !! [m]
-    integer, intent(in) :: n_cell
-    integer, intent(in) :: cell_node(2**ndim, n_cell)     !! corner nodes, x fastest
-    integer, intent(in) :: n_node
-    real(wp), intent(in) :: velocity(ndim, n_node)        !! [m/s]
-    real(wp), intent(out) :: divergence(n_cell)
-    real(wp) :: total
-    integer :: a, c, i
-
-    do c = 1, n_cell
-      total = 0.0_wp
-      do i = 1, 2**ndim
-        do a = 1, ndim
-          total = total + merge(velocity(a, cell_node(i, c)), -velocity(a, cell_node(i, c)), &
-                                btest(i - 1, a - 1))
-        end do
-      end do
-      divergence(c) = total/(spacing*2**(ndim - 1))
-    end do
-  end subroutine cell_divergence_centre
 end module dosui_grid_to_particle

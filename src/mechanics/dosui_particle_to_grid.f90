@@ -12,7 +12,7 @@ module dosui_particle_to_grid
   implicit none
   private
 
-  public :: particles_to_grid, cell_pressure_forces
+  public :: particles_to_grid
 
   integer, parameter, public :: n_nodal_row = 1 + 2*ndim   !! mass, momentum, force
   integer, parameter :: chunk = 32   ! particles, so that their weights stay in the L1 cache
@@ -20,7 +20,7 @@ module dosui_particle_to_grid
 contains
 
   subroutine particles_to_grid(grid, n, patch, position, velocity, mass, volume, stress, gravity, &
-                               nodal, affine, pore_pressure, cell, cell_mean_stress)
+                               nodal, affine, pore_pressure, cell, cell_mean_stress, cell_stress)
     !! Nodal mass, momentum and force of this rank's particles (complete after scatter_add):
     !! m_i = sum m N_i,  p_i = sum m N_i (v + C (x_i - x)),  f_i = sum m N_i g - V sigma grad N_i.
     !!
@@ -28,7 +28,8 @@ contains
     !! * pore_pressure u: sigma = sigma' - u I;
     !! * cell and cell_mean_stress s: the mean normal stress over the scene's directions becomes
     !!   that of the particle's cell. With s = P(mean sigma' - u) this is the adjoint of the
-    !!   averaged volume change (B-bar); leave u out of s where `cell_pressure_forces` adds it.
+    !!   averaged volume change (B-bar);
+    !! * cell and cell_stress s: sigma = dev(sigma' - s), where `cell_quadrature_t` does the rest.
     type(grid_t), intent(in) :: grid
     integer, intent(in) :: n
     integer, intent(in) :: patch(n)                       !! all in the grid
@@ -45,6 +46,7 @@ contains
     real(wp), intent(in), optional :: pore_pressure(n)    !! compression positive [Pa]
     integer, intent(in), optional :: cell(n)              !! all in the grid
     real(wp), intent(in), optional :: cell_mean_stress(grid%n_cell)   !! tension positive [Pa]
+    real(wp), intent(in), optional :: cell_stress(nsig, grid%n_cell)  !! tension positive [Pa]
     real(wp) :: load(ndim, ndim, chunk), start(ndim, chunk), slope(ndim, ndim, chunk)
     integer :: first, last, m
 
@@ -54,7 +56,9 @@ contains
       last = min(first + chunk - 1, n)
       m = last - first + 1
       call internal_loads(m, volume(first:last), stress(:, first:last), load)
-      if (present(cell_mean_stress)) then
+      if (present(cell_stress)) then
+        call keep_deviation(m, volume(first:last), cell(first:last), grid%n_cell, cell_stress, load)
+      else if (present(cell_mean_stress)) then
         call replace_mean(m, volume(first:last), cell(first:last), grid%n_cell, cell_mean_stress, &
                           load)
       else if (present(pore_pressure)) then
@@ -101,6 +105,29 @@ contains
       end do
     end do
   end subroutine add_pressure
+
+  pure subroutine keep_deviation(m, volume, cell, n_cell, cell_stress, load)
+    !! Kernel: leaves -V dev(sigma - s) of -V sigma.
+    integer, intent(in) :: m, n_cell
+    integer, intent(in) :: cell(m)
+    real(wp), intent(in) :: volume(m), cell_stress(nsig, n_cell)
+    real(wp), intent(inout) :: load(ndim, ndim, chunk)
+    real(wp) :: mean
+    integer :: a, b, p
+
+    do p = 1, m
+      mean = 0.0_wp
+      do b = 1, ndim
+        do a = 1, ndim
+          load(a, b, p) = load(a, b, p) + volume(p)*cell_stress(voigt_slot(a, b), cell(p))
+        end do
+        mean = mean + load(b, b, p)
+      end do
+      do a = 1, ndim
+        load(a, a, p) = load(a, a, p) - mean*(1.0_wp/ndim)
+      end do
+    end do
+  end subroutine keep_deviation
 
   pure subroutine replace_mean(m, volume, cell, n_cell, mean_stress, load)
     !! Kernel: gives -V sigma the cell's mean normal stress.
@@ -214,30 +241,4 @@ contains
       nodal(:, node) = nodal(:, node) + sums(i, :)
     end do
   end subroutine spread_run
-
-  pure subroutine cell_pressure_forces(spacing, n_cell, cell_node, cell_volume_pressure, n_node, &
-                                       nodal)
-    !! Kernel: adds the force of pore pressures that act through the gradient at cell centres,
-    !! f_i = sum V_c p_c grad N_i(x_c): the adjoint of `cell_divergence_centre`.
-    real(wp), intent(in) :: spacing                          !! [m]
-    integer, intent(in) :: n_cell
-    integer, intent(in) :: cell_node(2**ndim, n_cell)        !! corner nodes, x fastest
-    real(wp), intent(in) :: cell_volume_pressure(n_cell)
-    !! this rank's volume in the cell times the cell's pressure, compression positive [N m]
-    integer, intent(in) :: n_node
-    real(wp), intent(inout) :: nodal(n_nodal_row, n_node)    !! the rows of force are added to [N]
-    real(wp) :: slope
-    integer :: a, c, i, node
-
-    do c = 1, n_cell
-      slope = cell_volume_pressure(c)/(spacing*2**(ndim - 1))
-      do i = 1, 2**ndim
-        node = cell_node(i, c)
-        do a = 1, ndim
-          nodal(1 + ndim + a, node) = nodal(1 + ndim + a, node) + &
-                                      merge(slope, -slope, btest(i - 1, a - 1))
-        end do
-      end do
-    end do
-  end subroutine cell_pressure_forces
 end module dosui_particle_to_grid

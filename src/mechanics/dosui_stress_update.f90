@@ -14,12 +14,12 @@ module dosui_stress_update
 contains
 
   subroutine update_stress(materials, n, material, strain_increment, stress, state, err, cell, &
-                           cell_volume_strain, spin)
+                           cell_volume_strain, cell_shift, spin)
     !! Adds the stress increments of a step, batch by batch and material by material.
     !!
     !! With cell and cell_volume_strain the volume change of each strain is replaced by that of the
     !! particle's cell (B-bar), in equal parts over the scene's directions, so that plane and
-    !! uniaxial strain stay what they are. With spin (updated mode) stresses first turn with the
+    !! uniaxial strain stay what they are. cell_shift is added before that. With spin (updated mode) stresses first turn with the
     !! material: the Jaumann rate, integrated so that rotations keep stress invariants exactly
     !! (Hughes & Winget 1980).
     type(material_set_t), intent(in) :: materials
@@ -31,14 +31,20 @@ contains
     type(error_t), intent(inout) :: err
     integer, intent(in), optional :: cell(n)
     real(wp), intent(in), optional :: cell_volume_strain(:) !! (n_cell) mean of the increments [-]
+    real(wp), intent(in), optional :: cell_shift(:, :)      !! (nsig, n_cell) [-]
     real(wp), intent(in), optional :: spin(nshear, n)       !! as from grid_to_particles [-]
     real(wp) :: strain(nsig, chunk)
-    integer :: first, last, m, here, run_end, n_state
+    integer :: first, last, m, p, here, run_end, n_state
 
     do first = 1, n, chunk
       last = min(first + chunk - 1, n)
       m = last - first + 1
       strain(:, 1:m) = strain_increment(:, first:last)
+      if (present(cell_shift)) then
+        do p = 1, m
+          strain(:, p) = strain(:, p) + cell_shift(:, cell(first + p - 1))
+        end do
+      end if
       if (present(cell_volume_strain)) then
         call replace_volume_strain(m, cell(first:last), size(cell_volume_strain), &
                                    cell_volume_strain, strain)

@@ -10,7 +10,7 @@
 !! Its displacement error is stress / kappa, first order in h.
 module dosui_surface_forces
   use dosui_kinds, only: wp
-  use dosui_dimension, only: ndim
+  use dosui_dimension, only: ndim, voigt_slot
   use dosui_communicator, only: communicator_t
   use dosui_grid, only: grid_t
   use dosui_scene, only: mechanical_condition_t
@@ -34,6 +34,9 @@ module dosui_surface_forces
     procedure :: init => surface_forces_init
     procedure :: apply => surface_forces_apply
     procedure :: point_velocity => surface_forces_point_velocity
+    procedure :: has_lifts => surface_forces_has_lifts
+    procedure :: lift => surface_forces_lift
+    procedure :: react => surface_forces_react
   end type surface_forces_t
 
 contains
@@ -77,7 +80,7 @@ contains
     do p = 1, n_point
       if (cell(p) == 0) cycle
       call keep_usable(self%node(:, p), usable, mass, self%weight(:, p))
-      if (.not. any(self%weight(:, p) > 0.0_wp) .and. any(handled(:, p))) then
+      if (.not. any(abs(self%weight(:, p)) > 0.0_wp) .and. any(handled(:, p))) then
         self%n_dropped = self%n_dropped + 1
       end if
     end do
@@ -91,7 +94,8 @@ contains
   end subroutine surface_forces_init
 
   pure function hat_weights(position, grid, first_node) result(weight)
-    !! Linear hats of a cell's corner nodes (x fastest) at a position, clipped to the cell [-].
+    !! Linear hats of a cell's corner nodes (x fastest) at a position; they go on into parts of
+    !! neighbouring cells that belong to this one [-].
     real(wp), intent(in) :: position(ndim)   !! [m]
     type(grid_t), intent(in) :: grid
     integer, intent(in) :: first_node        !! lowest corner of the cell
@@ -100,7 +104,6 @@ contains
     integer :: corner, d
 
     local = (position - grid%origin)/grid%spacing - real(grid%node_index(:, first_node), wp)
-    local = min(max(local, 0.0_wp), 1.0_wp)
     do corner = 1, 2**ndim
       weight(corner) = 1.0_wp
       do d = 1, ndim
@@ -153,7 +156,7 @@ contains
       traction = point_traction(conditions(c), time, normal(:, p), displacement(:, p), &
                                 velocity(:, p), self%stiffness, self%damping, plate_displacement(c))
       do k = 1, 2**ndim
-        if (.not. self%weight(k, p) > 0.0_wp) cycle
+        if (.not. abs(self%weight(k, p)) > 0.0_wp) cycle
         force(:, self%node(k, p)) = force(:, self%node(k, p)) + self%weight(k, p)*area(p)*traction
       end do
     end do
@@ -228,6 +231,109 @@ contains
     end do
   end subroutine solve_plates
 
+  pure logical function is_lifted(kind)
+    !! Walls whose motion is known: all but plates.
+    character(len=*), intent(in) :: kind
+
+    is_lifted = kind == 'roller' .or. kind == 'fixed' .or. kind == 'velocity' .or. &
+                kind == 'normal_velocity'
+  end function is_lifted
+
+  pure logical function surface_forces_has_lifts(self, conditions) result(has)
+    !! Are there penalty walls that `lift` sees on this rank?
+    class(surface_forces_t), intent(in) :: self
+    type(mechanical_condition_t), intent(in) :: conditions(:)
+    integer :: e
+
+    has = .false.
+    do e = 1, size(self%entry_point)
+      if (is_lifted(conditions(self%entry_condition(e))%kind)) has = .true.
+    end do
+  end function surface_forces_has_lifts
+
+  pure subroutine surface_forces_lift(self, conditions, time, at_rest, area, normal, velocity, &
+                                      cell, lift)
+    !! Takes the motion relative to penalty walls out of the cells' strains: adds
+    !! - sum a sym(n x (v - v_wall)), to be divided by the cell's measure [m3/s]. The penalty then
+    !! only has to keep the wall in place; the wall's reaction is that of the stress (`react`, the
+    !! adjoint), which makes the condition consistent (Nitsche's method in the lifted form of
+    !! Brezzi et al. 2000).
+    class(surface_forces_t), intent(in) :: self
+    type(mechanical_condition_t), intent(in) :: conditions(:)
+    real(wp), intent(in) :: time                               !! [s]
+    logical, intent(in) :: at_rest                             !! walls do not move
+    real(wp), intent(in) :: area(self%n_point)                 !! [m2]
+    real(wp), intent(in) :: normal(ndim, self%n_point)         !! outward [-]
+    real(wp), intent(in) :: velocity(ndim, self%n_point)       !! of the surface points [m/s]
+    integer, intent(in) :: cell(self%n_point)                  !! of the surface points, 0: none
+    real(wp), intent(inout) :: lift(:, :)                      !! (nsig, n_cell), 2 x shear
+    real(wp) :: slip(ndim)
+    integer :: e, p, c, a, b
+
+    do e = 1, size(self%entry_point)
+      p = self%entry_point(e)
+      c = self%entry_condition(e)
+      if (cell(p) == 0 .or. .not. is_lifted(conditions(c)%kind)) cycle
+      slip = velocity(:, p)
+      if (.not. at_rest) slip = slip - wall_velocity(conditions(c), time, normal(:, p))
+      if (conditions(c)%kind == 'roller' .or. conditions(c)%kind == 'normal_velocity') then
+        slip = dot_product(slip, normal(:, p))*normal(:, p)
+      end if
+      do b = 1, ndim
+        do a = 1, ndim
+          lift(voigt_slot(a, b), cell(p)) = lift(voigt_slot(a, b), cell(p)) - &
+                                            area(p)*slip(a)*normal(b, p)
+        end do
+      end do
+    end do
+  end subroutine surface_forces_lift
+
+  pure function wall_velocity(condition, time, normal) result(velocity)
+    !! Prescribed velocity of a wall [m/s].
+    type(mechanical_condition_t), intent(in) :: condition
+    real(wp), intent(in) :: time           !! [s]
+    real(wp), intent(in) :: normal(ndim)   !! outward [-]
+    real(wp) :: velocity(ndim)
+
+    velocity = 0.0_wp
+    if (condition%kind == 'velocity') velocity = condition%value*condition%factor%at(time)
+    if (condition%kind == 'normal_velocity') then
+      velocity = condition%value(1)*condition%factor%at(time)*normal
+    end if
+  end function wall_velocity
+
+  pure subroutine surface_forces_react(self, conditions, area, normal, cell, stress, force)
+    !! Adds the walls' reactions to the mean stresses of their cells: the adjoint of `lift`.
+    class(surface_forces_t), intent(in) :: self
+    type(mechanical_condition_t), intent(in) :: conditions(:)
+    real(wp), intent(in) :: area(self%n_point)            !! [m2]
+    real(wp), intent(in) :: normal(ndim, self%n_point)    !! outward [-]
+    integer, intent(in) :: cell(self%n_point)             !! of the surface points, 0: none
+    real(wp), intent(in) :: stress(:, :)                  !! (nsig, n_cell) total [Pa]
+    real(wp), intent(inout) :: force(:, :)                !! (ndim, n_node) nodal forces [N]
+    real(wp) :: traction(ndim)
+    integer :: e, p, c, a, b, k
+
+    do e = 1, size(self%entry_point)
+      p = self%entry_point(e)
+      c = self%entry_condition(e)
+      if (cell(p) == 0 .or. .not. is_lifted(conditions(c)%kind)) cycle
+      traction = 0.0_wp
+      do b = 1, ndim
+        do a = 1, ndim
+          traction(a) = traction(a) + stress(voigt_slot(a, b), cell(p))*normal(b, p)
+        end do
+      end do
+      if (conditions(c)%kind == 'roller' .or. conditions(c)%kind == 'normal_velocity') then
+        traction = dot_product(traction, normal(:, p))*normal(:, p)
+      end if
+      do k = 1, 2**ndim
+        if (.not. abs(self%weight(k, p)) > 0.0_wp) cycle
+        force(:, self%node(k, p)) = force(:, self%node(k, p)) + self%weight(k, p)*area(p)*traction
+      end do
+    end do
+  end subroutine surface_forces_react
+
   pure subroutine surface_forces_point_velocity(self, nodal_velocity, velocity)
     !! Velocity of the surface points, interpolated with the same weights [m/s].
     class(surface_forces_t), intent(in) :: self
@@ -238,7 +344,7 @@ contains
     velocity = 0.0_wp
     do p = 1, self%n_point
       do k = 1, 2**ndim
-        if (.not. self%weight(k, p) > 0.0_wp) cycle
+        if (.not. abs(self%weight(k, p)) > 0.0_wp) cycle
         velocity(:, p) = velocity(:, p) + self%weight(k, p)*nodal_velocity(:, self%node(k, p))
       end do
     end do

@@ -162,7 +162,7 @@ contains
     product = 0.0_wp
     do i = 1, model%grid%n_node
       if (.not. model%grid%node_map%is_owned(i)) cycle
-      product = product + model%nodal(1, i)*dot_product(a(:, i), b(:, i))
+      product = product + max(model%nodal(1, i), model%inertia(i))*dot_product(a(:, i), b(:, i))
     end do
     product = model%comm%sum(product)
   end function mass_product

@@ -76,6 +76,7 @@ module dosui_model
     real(wp), allocatable :: strain_increment(:, :)   !! (nsig, particles) of the step [-]
     real(wp), allocatable :: spin(:, :)               !! (nshear, particles) in updated scenes [-]
     real(wp), allocatable :: state(:, :)              !! state variables of the materials
+    real(wp), allocatable :: inertia(:)               !! least inertia of nodes [kg]
     real(wp), allocatable :: weight(:)                !! of particles in integrals [m3]
     real(wp), allocatable :: volume_strain(:)         !! of the step, as the water sees it [-]
     real(wp) :: density = 0.0_wp              !! mean inertial density of the body [kg/m3]

@@ -71,7 +71,7 @@ contains
     associate (field => model%surface%field, h => model%s, m => model%surface%count)
       call model%surface_forces%react(model%scene%mechanical_condition, &
                                       field(h%area)%values(1, 1:m), &
-                                      field(h%normal)%values(:, 1:m), model%surface_cell, stress, &
+                                      field(h%normal)%values(:, 1:m), stress, &
                                       model%nodal(2 + ndim:, :))
     end associate
   end subroutine spread_centred
@@ -155,11 +155,13 @@ contains
                                   model%clock%time), model%grid%n_node, model%nodal)
     end if
     call advance_velocities(model%grid%n_node, model%clock%dt, &
-                            light_node*model%density*model%grid%spacing**ndim, model%nodal, &
+                            light_node*model%density*model%grid%spacing**ndim, &
+                            model%inertia, model%nodal, &
                             model%velocity_old, model%velocity)
     call model%nodal_conditions%apply(model%comm, model%scene%mechanical_condition, model%grid, &
                                       model%clock%time + model%clock%dt, model%clock%dt, &
-                                      model%nodal(1, :), model%velocity_old, model%velocity)
+                                      max(model%nodal(1, :), model%inertia), model%velocity_old, &
+                                      model%velocity)
     call model%timers%stop(model%phase%nodes)
   end subroutine update_nodes
 
@@ -169,19 +171,23 @@ contains
     real(wp), intent(out) :: acceleration(:, :)   !! (ndim, n_node) [m/s2]
 
     call advance_velocities(model%grid%n_node, 1.0_wp, &
-                            light_node*model%density*model%grid%spacing**ndim, model%nodal, &
+                            light_node*model%density*model%grid%spacing**ndim, &
+                            model%inertia, model%nodal, &
                             model%velocity_old, acceleration)
     call model%nodal_conditions%apply(model%comm, model%scene%mechanical_condition, model%grid, &
-                                      model%clock%time, 1.0_wp, model%nodal(1, :), &
+                                      model%clock%time, 1.0_wp, &
+                                      max(model%nodal(1, :), model%inertia), &
                                       model%velocity_old, acceleration, at_rest=.true.)
   end subroutine nodal_accelerations
 
-  pure subroutine advance_velocities(n, dt, least_mass, nodal, velocity_old, velocity)
+  pure subroutine advance_velocities(n, dt, least_mass, inertia, nodal, velocity_old, velocity)
     !! Kernel: v = p/m, v + dt f/m. A node that particles hardly touch keeps its velocity, since
-    !! f/m would be a quotient of vanishing numbers; massless nodes rest.
+    !! f/m would be a quotient of vanishing numbers; massless nodes rest. Nodes at the edge of cut
+    !! cells carry forces of more volume than mass: they accelerate with more inertia than theirs.
     integer, intent(in) :: n
     real(wp), intent(in) :: dt            !! [s]
     real(wp), intent(in) :: least_mass    !! [kg]
+    real(wp), intent(in) :: inertia(n)    !! least inertia [kg]
     real(wp), intent(in) :: nodal(1 + 2*ndim, n)
     real(wp), intent(out) :: velocity_old(ndim, n), velocity(ndim, n)   !! [m/s]
     real(wp) :: inverse
@@ -193,7 +199,7 @@ contains
       velocity_old(:, i) = nodal(2:1 + ndim, i)*inverse
       velocity(:, i) = velocity_old(:, i)
       if (nodal(1, i) > least_mass) then
-        velocity(:, i) = velocity_old(:, i) + dt*nodal(2 + ndim:, i)*inverse
+        velocity(:, i) = velocity_old(:, i) + dt*nodal(2 + ndim:, i)/max(nodal(1, i), inertia(i))
       end if
     end do
   end subroutine advance_velocities
@@ -306,18 +312,15 @@ contains
     !! Takes the motion against penalty walls out of the cells' strains. Collective.
     type(model_t), intent(inout) :: model
     real(wp), intent(inout) :: strain(:, :)    !! (nsig, n_cell) [-]
-    real(wp), allocatable :: lift(:, :), velocity(:, :)
+    real(wp), allocatable :: lift(:, :)
     integer :: c
 
     allocate (lift(nsig, model%grid%n_cell), source=0.0_wp)
-    allocate (velocity(ndim, model%surface%count))
-    call model%surface_forces%point_velocity(model%velocity, velocity)
     associate (field => model%surface%field, h => model%s, m => model%surface%count)
       call model%surface_forces%lift(model%scene%mechanical_condition, &
                                      model%clock%time + model%clock%dt, model%relaxing, &
                                      field(h%area)%values(1, 1:m), &
-                                     field(h%normal)%values(:, 1:m), velocity, &
-                                     model%surface_cell, lift)
+                                     field(h%normal)%values(:, 1:m), model%velocity, lift)
     end associate
     call model%grid%cell_map%scatter_add(model%comm, nsig, lift)
     call model%grid%cell_map%gather(model%comm, nsig, lift)

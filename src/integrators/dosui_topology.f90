@@ -195,6 +195,7 @@ contains
     call locate_surface(model, inside)
     call build_conditions(model, handle)
     call refresh_weights(model)
+    call find_least_inertia(model)
     if (model%coupled) call build_water(model, handle)
     model%rebuilds = model%rebuilds + 1
     model%movement = 0.0_wp
@@ -243,7 +244,7 @@ contains
     type(model_t), intent(inout) :: model
     integer, intent(in) :: handle   !! positions that the geometry is built from
     real(wp), allocatable :: nodal(:, :)
-    integer, allocatable :: patch(:), cell(:)
+    integer, allocatable :: patch(:), cell(:), host(:)
     integer :: n, m, n_lost, surface_handle
 
     n = model%particles%count
@@ -269,10 +270,15 @@ contains
                              model%scene%gravity, nodal)
       call model%grid%node_map%scatter_add(model%comm, 1 + 2*ndim, nodal)
       call model%grid%node_map%gather(model%comm, 1 + 2*ndim, nodal)
+      if (model%centred .and. .not. model%updated .and. .not. model%quadrature%fitted) then
+        host = model%quadrature%host
+      end if
       call model%surface_forces%init(model%comm, model%grid, m, model%surface_cell, &
                                      field(surface_handle)%values(:, 1:m), &
+                                     field(h%normal)%values(:, 1:m), &
                                      field(h%area)%values(1, 1:m), nodal(1, :), model%density, &
-                                     model%stiffest, model%scene%mechanics%penalty, model%by_force)
+                                     model%stiffest, model%scene%mechanics%penalty, &
+                                     model%by_force, host)
     end associate
     model%lifted = model%centred .and. &
                    model%comm%any(model%surface_forces%has_lifts(model%scene%mechanical_condition))
@@ -307,6 +313,28 @@ contains
                                               model%particles%field(handle)%values(:, 1:n), &
                                               model%surface%count, model%surface_cell, cuts)
   end subroutine build_quadrature
+
+  subroutine find_least_inertia(model)
+    !! Half of what the cells around a node would give it if they were evenly filled, where
+    !! surfaces cut cells; none elsewhere. Collective.
+    type(model_t), intent(inout) :: model
+    real(wp), allocatable :: inertia(:, :)
+    integer :: c, i
+
+    allocate (inertia(1, model%grid%n_node), source=0.0_wp)
+    if (model%centred .and. .not. model%updated .and. .not. model%quadrature%fitted) then
+      do c = 1, model%grid%n_cell
+        if (.not. model%grid%cell_map%is_owned(c)) cycle
+        do i = 1, 2**ndim
+          inertia(1, model%grid%cell_node(i, c)) = inertia(1, model%grid%cell_node(i, c)) + &
+                                               0.5_wp*model%density*model%quadrature%measure(c)/2**ndim
+        end do
+      end do
+      call model%grid%node_map%scatter_add(model%comm, 1, inertia)
+      call model%grid%node_map%gather(model%comm, 1, inertia)
+    end if
+    model%inertia = inertia(1, :)
+  end subroutine find_least_inertia
 
   logical function is_fitted(model) result(fitted)
     !! Do all surfaces lie on planes of grid nodes? Collective.

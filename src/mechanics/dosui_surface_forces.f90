@@ -18,13 +18,17 @@ module dosui_surface_forces
   private
 
   real(wp), parameter :: light_node = 0.1_wp       !! least m / (a rho h) of a loaded node [-]
+  integer, parameter :: parts_per_direction = 4    !! of a point's surface
+  real(wp), parameter :: inward = 1.0e-3_wp        !! parts lie in the cell inside [h]
   real(wp), parameter :: dashpot_ratio = 0.2_wp    !! of critical damping of a wall node [-]
 
   type, public :: surface_forces_t
     !! Which surface points carry which condition, and how they spread forces over nodes.
     integer :: n_point = 0
-    integer, allocatable :: node(:, :)         !! (2**ndim, n_point) corners of the point's cell
-    real(wp), allocatable :: weight(:, :)      !! (2**ndim, n_point) share of each node [-]
+    integer :: n_part = 1                      !! parts of the surface that a point stands for
+    integer, allocatable :: cell(:, :)         !! (n_part, n_point) cell of each part, 0: none
+    integer, allocatable :: node(:, :, :)      !! (2**ndim, n_part, n_point) corners of that cell
+    real(wp), allocatable :: weight(:, :, :)   !! likewise: share of each node, in all 1 a point [-]
     integer, allocatable :: entry_point(:)     !! surface point of each entry
     integer, allocatable :: entry_condition(:) !! mechanical condition of each entry
     real(wp) :: stiffness = 0.0_wp             !! kappa of penalty walls [Pa/m]
@@ -41,48 +45,66 @@ module dosui_surface_forces
 
 contains
 
-  subroutine surface_forces_init(self, comm, grid, n_point, cell, position, area, mass, density, &
-                                 modulus, penalty, handled)
+  subroutine surface_forces_init(self, comm, grid, n_point, cell, position, normal, area, mass, &
+                                 density, modulus, penalty, handled, host)
     !! Computes the weights of all surface points from the nodal masses at hand. Collective.
+    !!
+    !! With `host` a point stands for several parts of its surface, which lie in cells of their own
+    !! and spread what they carry over all of these cells' nodes: the integral over the surface
+    !! then fits the integrals over cut cells.
     class(surface_forces_t), intent(inout) :: self
     type(communicator_t), intent(in) :: comm
     type(grid_t), intent(inout) :: grid
     integer, intent(in) :: n_point
     integer, intent(in) :: cell(n_point)              !! cell of each surface point, 0: none
     real(wp), intent(in) :: position(ndim, n_point)   !! [m]
+    real(wp), intent(in) :: normal(ndim, n_point)     !! outward [-]
     real(wp), intent(in) :: area(n_point)             !! [m2, m per m in 2-D, 1 in 1-D]
     real(wp), intent(in) :: mass(grid%n_node)         !! complete nodal masses [kg]
     real(wp), intent(in) :: density                   !! reference density of the body [kg/m3]
     real(wp), intent(in) :: modulus                   !! stiffest undrained modulus of the body [Pa]
     real(wp), intent(in) :: penalty                   !! wall stiffness factor [-]
     logical, intent(in) :: handled(:, :)              !! (conditions, points) entries to be made
+    integer, intent(in), optional :: host(grid%n_cell)   !! cells that small parts belong to
     real(wp), allocatable :: served(:, :)
     logical, allocatable :: usable(:)
-    integer :: p, c
+    real(wp) :: place(ndim), least
+    integer :: p, c, k
 
     self%n_point = n_point
-    if (allocated(self%weight)) deallocate (self%weight)
-    allocate (self%weight(2**ndim, n_point), source=0.0_wp)
-    if (allocated(self%node)) deallocate (self%node)
-    allocate (self%node(2**ndim, n_point), source=0)
+    self%n_part = 1
+    if (present(host)) self%n_part = parts_per_direction**(ndim - 1)
+    if (allocated(self%weight)) deallocate (self%weight, self%node, self%cell)
+    allocate (self%weight(2**ndim, self%n_part, n_point), source=0.0_wp)
+    allocate (self%node(2**ndim, self%n_part, n_point), self%cell(self%n_part, n_point), source=0)
     allocate (served(1, grid%n_node), source=0.0_wp)
     do p = 1, n_point
-      if (cell(p) == 0) cycle
-      self%node(:, p) = grid%cell_node(:, cell(p))
-      self%weight(:, p) = hat_weights(position(:, p), grid, self%node(1, p))
-      served(1, self%node(:, p)) = served(1, self%node(:, p)) + self%weight(:, p)*area(p)
+      do k = 1, self%n_part
+        place = position(:, p)
+        self%cell(k, p) = cell(p)
+        if (present(host)) call find_part(grid, k, normal(:, p), area(p), host, place, &
+                                          self%cell(k, p))
+        if (self%cell(k, p) == 0) cycle
+        self%node(:, k, p) = grid%cell_node(:, self%cell(k, p))
+        self%weight(:, k, p) = hat_weights(place, grid, self%node(1, k, p))/real(self%n_part, wp)
+        served(1, self%node(:, k, p)) = served(1, self%node(:, k, p)) + &
+                                        self%weight(:, k, p)*area(p)
+      end do
     end do
     call grid%node_map%scatter_add(comm, 1, served)
     call grid%node_map%gather(comm, 1, served)
 
-    usable = mass >= light_node*density*grid%spacing*served(1, :) .and. mass > 0.0_wp
+    least = light_node
+    if (present(host)) least = 0.0_wp   ! stresses act on light nodes, too
+    usable = mass >= least*density*grid%spacing*served(1, :) .and. mass > 0.0_wp
     self%n_dropped = 0
     do p = 1, n_point
-      if (cell(p) == 0) cycle
-      call keep_usable(self%node(:, p), usable, mass, self%weight(:, p))
-      if (.not. any(abs(self%weight(:, p)) > 0.0_wp) .and. any(handled(:, p))) then
-        self%n_dropped = self%n_dropped + 1
-      end if
+      do k = 1, self%n_part
+        if (self%cell(k, p) > 0) call keep_usable(self%node(:, k, p), usable, mass, &
+                                                  1.0_wp/real(self%n_part, wp), self%weight(:, k, p))
+      end do
+      if (.not. any(abs(self%weight(:, :, p)) > 0.0_wp) .and. any(handled(:, p)) .and. &
+          cell(p) > 0) self%n_dropped = self%n_dropped + 1
     end do
 
     self%entry_point = pack([((p, c=1, size(handled, 1)), p=1, n_point)], &
@@ -92,6 +114,44 @@ contains
     self%stiffness = penalty*modulus/grid%spacing
     self%damping = dashpot_ratio*sqrt(self%stiffness*density*grid%spacing)
   end subroutine surface_forces_init
+
+  subroutine find_part(grid, number, normal, area, host, place, cell)
+    !! Place and cell of one part of a point's surface. Parts outside the grid stay with the point.
+    type(grid_t), intent(in) :: grid
+    integer, intent(in) :: number              !! of the part
+    real(wp), intent(in) :: normal(ndim)       !! [-]
+    real(wp), intent(in) :: area               !! of the point [m2]
+    integer, intent(in) :: host(grid%n_cell)
+    real(wp), intent(inout) :: place(ndim)     !! of the point, then of the part [m]
+    integer, intent(inout) :: cell             !! likewise
+    real(wp) :: along(ndim, max(1, ndim - 1)), side, moved(ndim, 1)
+    integer :: d, rest, patch(1), found(1), n_lost
+
+    along = 0.0_wp
+    if (ndim > 1) then   ! in the x-z plane, and y
+      along(1, 1) = -normal(ndim)
+      along(ndim, 1) = normal(1)
+      if (norm2(along(:, 1)) < 0.5_wp) along(1, 1) = 1.0_wp   ! a face across y
+      if (ndim == 3) then
+        along(2, 2) = 1.0_wp
+        if (abs(normal(2)) > 0.5_wp) along(:, 2) = [(merge(1.0_wp, 0.0_wp, d == ndim), d=1, ndim)]
+      end if
+    end if
+    side = area**(1.0_wp/real(max(1, ndim - 1), wp))
+    moved(:, 1) = place
+    rest = number - 1
+    do d = 1, ndim - 1
+      moved(:, 1) = moved(:, 1) + along(:, d)*side*((real(mod(rest, parts_per_direction), wp) + &
+                                                     0.5_wp)/parts_per_direction - 0.5_wp)
+      rest = rest/parts_per_direction
+    end do
+    patch = 0
+    found = 0
+    call grid%locate(1, moved - inward*grid%spacing*reshape(normal, [ndim, 1]), patch, found, n_lost)
+    if (found(1) == 0) return
+    place = moved(:, 1)
+    cell = host(found(1))
+  end subroutine find_part
 
   pure function hat_weights(position, grid, first_node) result(weight)
     !! Linear hats of a cell's corner nodes (x fastest) at a position; they go on into parts of
@@ -112,22 +172,23 @@ contains
     end do
   end function hat_weights
 
-  pure subroutine keep_usable(node, usable, mass, weight)
-    !! Drops the weights of unusable nodes and scales the others to sum 1. If none is left, the
+  pure subroutine keep_usable(node, usable, mass, total, weight)
+    !! Drops the weights of unusable nodes and scales the others to their total. If none is left, the
     !! heaviest node takes all, so that no load is lost while the point's cell holds any mass.
     integer, intent(in) :: node(2**ndim)
     logical, intent(in) :: usable(:)
     real(wp), intent(in) :: mass(:)            !! nodal masses [kg]
+    real(wp), intent(in) :: total              !! of the weights [-]
     real(wp), intent(inout) :: weight(2**ndim)
     integer :: heaviest
 
     where (.not. usable(node)) weight = 0.0_wp
-    if (sum(weight) > 1.0e-6_wp) then
-      weight = weight/sum(weight)
+    if (sum(weight) > 1.0e-6_wp*total) then
+      weight = weight*(total/sum(weight))
     else
       weight = 0.0_wp
       heaviest = maxloc(mass(node), dim=1)
-      if (mass(node(heaviest)) > 0.0_wp) weight(heaviest) = 1.0_wp
+      if (mass(node(heaviest)) > 0.0_wp) weight(heaviest) = total
     end if
   end subroutine keep_usable
 
@@ -155,12 +216,40 @@ contains
       c = self%entry_condition(e)
       traction = point_traction(conditions(c), time, normal(:, p), displacement(:, p), &
                                 velocity(:, p), self%stiffness, self%damping, plate_displacement(c))
-      do k = 1, 2**ndim
-        if (.not. abs(self%weight(k, p)) > 0.0_wp) cycle
-        force(:, self%node(k, p)) = force(:, self%node(k, p)) + self%weight(k, p)*area(p)*traction
+      do k = 1, self%n_part
+        call spread(self, k, p, area(p)*traction, force)
       end do
     end do
   end subroutine surface_forces_apply
+
+  pure subroutine spread(self, part, point, load, force)
+    !! Adds a point's load on one of its parts to the nodes.
+    class(surface_forces_t), intent(in) :: self
+    integer, intent(in) :: part, point
+    real(wp), intent(in) :: load(ndim)           !! as if on the whole point [N]
+    real(wp), intent(inout) :: force(:, :)       !! (ndim, n_node) [N]
+    integer :: i, node
+
+    do i = 1, 2**ndim
+      node = self%node(i, part, point)
+      if (node > 0) force(:, node) = force(:, node) + self%weight(i, part, point)*load
+    end do
+  end subroutine spread
+
+  pure function part_velocity(self, part, point, nodal_velocity) result(velocity)
+    !! Share of one part in the velocity of a point: its mean is n_part times this [m/s].
+    class(surface_forces_t), intent(in) :: self
+    integer, intent(in) :: part, point
+    real(wp), intent(in) :: nodal_velocity(:, :)   !! (ndim, n_node) [m/s]
+    real(wp) :: velocity(ndim)
+    integer :: i, node
+
+    velocity = 0.0_wp
+    do i = 1, 2**ndim
+      node = self%node(i, part, point)
+      if (node > 0) velocity = velocity + self%weight(i, part, point)*nodal_velocity(:, node)
+    end do
+  end function part_velocity
 
   pure function point_traction(condition, time, normal, displacement, velocity, stiffness, &
                                damping, plate_displacement) result(traction)
@@ -251,10 +340,10 @@ contains
     end do
   end function surface_forces_has_lifts
 
-  pure subroutine surface_forces_lift(self, conditions, time, at_rest, area, normal, velocity, &
-                                      cell, lift)
+  pure subroutine surface_forces_lift(self, conditions, time, at_rest, area, normal, &
+                                      nodal_velocity, lift)
     !! Takes the motion relative to penalty walls out of the cells' strains: adds
-    !! - sum a sym(n x (v - v_wall)), to be divided by the cell's measure [m3/s]. The penalty then
+    !! - sum a sym((v - v_wall) x n), to be divided by the cell's measure [m3/s]. The penalty then
     !! only has to keep the wall in place; the wall's reaction is that of the stress (`react`, the
     !! adjoint), which makes the condition consistent (Nitsche's method in the lifted form of
     !! Brezzi et al. 2000).
@@ -264,25 +353,28 @@ contains
     logical, intent(in) :: at_rest                             !! walls do not move
     real(wp), intent(in) :: area(self%n_point)                 !! [m2]
     real(wp), intent(in) :: normal(ndim, self%n_point)         !! outward [-]
-    real(wp), intent(in) :: velocity(ndim, self%n_point)       !! of the surface points [m/s]
-    integer, intent(in) :: cell(self%n_point)                  !! of the surface points, 0: none
+    real(wp), intent(in) :: nodal_velocity(:, :)               !! (ndim, n_node) [m/s]
     real(wp), intent(inout) :: lift(:, :)                      !! (nsig, n_cell), 2 x shear
     real(wp) :: slip(ndim)
-    integer :: e, p, c, a, b
+    integer :: e, p, c, a, b, k, cell
 
     do e = 1, size(self%entry_point)
       p = self%entry_point(e)
       c = self%entry_condition(e)
-      if (cell(p) == 0 .or. .not. is_lifted(conditions(c)%kind)) cycle
-      slip = velocity(:, p)
-      if (.not. at_rest) slip = slip - wall_velocity(conditions(c), time, normal(:, p))
-      if (conditions(c)%kind == 'roller' .or. conditions(c)%kind == 'normal_velocity') then
-        slip = dot_product(slip, normal(:, p))*normal(:, p)
-      end if
-      do b = 1, ndim
-        do a = 1, ndim
-          lift(voigt_slot(a, b), cell(p)) = lift(voigt_slot(a, b), cell(p)) - &
-                                            area(p)*slip(a)*normal(b, p)
+      if (.not. is_lifted(conditions(c)%kind)) cycle
+      do k = 1, self%n_part
+        cell = self%cell(k, p)
+        if (cell == 0) cycle
+        slip = part_velocity(self, k, p, nodal_velocity)
+        if (.not. at_rest) slip = slip - wall_velocity(conditions(c), time, normal(:, p))/ &
+                                  real(self%n_part, wp)
+        if (conditions(c)%kind == 'roller' .or. conditions(c)%kind == 'normal_velocity') then
+          slip = dot_product(slip, normal(:, p))*normal(:, p)
+        end if
+        do b = 1, ndim
+          do a = 1, ndim
+            lift(voigt_slot(a, b), cell) = lift(voigt_slot(a, b), cell) - area(p)*slip(a)*normal(b, p)
+          end do
         end do
       end do
     end do
@@ -302,13 +394,12 @@ contains
     end if
   end function wall_velocity
 
-  pure subroutine surface_forces_react(self, conditions, area, normal, cell, stress, force)
+  pure subroutine surface_forces_react(self, conditions, area, normal, stress, force)
     !! Adds the walls' reactions to the mean stresses of their cells: the adjoint of `lift`.
     class(surface_forces_t), intent(in) :: self
     type(mechanical_condition_t), intent(in) :: conditions(:)
     real(wp), intent(in) :: area(self%n_point)            !! [m2]
     real(wp), intent(in) :: normal(ndim, self%n_point)    !! outward [-]
-    integer, intent(in) :: cell(self%n_point)             !! of the surface points, 0: none
     real(wp), intent(in) :: stress(:, :)                  !! (nsig, n_cell) total [Pa]
     real(wp), intent(inout) :: force(:, :)                !! (ndim, n_node) nodal forces [N]
     real(wp) :: traction(ndim)
@@ -317,19 +408,19 @@ contains
     do e = 1, size(self%entry_point)
       p = self%entry_point(e)
       c = self%entry_condition(e)
-      if (cell(p) == 0 .or. .not. is_lifted(conditions(c)%kind)) cycle
-      traction = 0.0_wp
-      do b = 1, ndim
-        do a = 1, ndim
-          traction(a) = traction(a) + stress(voigt_slot(a, b), cell(p))*normal(b, p)
+      if (.not. is_lifted(conditions(c)%kind)) cycle
+      do k = 1, self%n_part
+        if (self%cell(k, p) == 0) cycle
+        traction = 0.0_wp
+        do b = 1, ndim
+          do a = 1, ndim
+            traction(a) = traction(a) + stress(voigt_slot(a, b), self%cell(k, p))*normal(b, p)
+          end do
         end do
-      end do
-      if (conditions(c)%kind == 'roller' .or. conditions(c)%kind == 'normal_velocity') then
-        traction = dot_product(traction, normal(:, p))*normal(:, p)
-      end if
-      do k = 1, 2**ndim
-        if (.not. abs(self%weight(k, p)) > 0.0_wp) cycle
-        force(:, self%node(k, p)) = force(:, self%node(k, p)) + self%weight(k, p)*area(p)*traction
+        if (conditions(c)%kind == 'roller' .or. conditions(c)%kind == 'normal_velocity') then
+          traction = dot_product(traction, normal(:, p))*normal(:, p)
+        end if
+        call spread(self, k, p, area(p)*traction, force)
       end do
     end do
   end subroutine surface_forces_react
@@ -343,9 +434,8 @@ contains
 
     velocity = 0.0_wp
     do p = 1, self%n_point
-      do k = 1, 2**ndim
-        if (.not. abs(self%weight(k, p)) > 0.0_wp) cycle
-        velocity(:, p) = velocity(:, p) + self%weight(k, p)*nodal_velocity(:, self%node(k, p))
+      do k = 1, self%n_part
+        velocity(:, p) = velocity(:, p) + part_velocity(self, k, p, nodal_velocity)
       end do
     end do
   end subroutine surface_forces_point_velocity

@@ -319,15 +319,16 @@ contains
     !! surfaces cut cells; none elsewhere. Collective.
     type(model_t), intent(inout) :: model
     real(wp), allocatable :: inertia(:, :)
-    integer :: c, i
+    integer :: c, i, node
 
     allocate (inertia(1, model%grid%n_node), source=0.0_wp)
     if (model%centred .and. .not. model%updated .and. .not. model%quadrature%fitted) then
       do c = 1, model%grid%n_cell
         if (.not. model%grid%cell_map%is_owned(c)) cycle
         do i = 1, 2**ndim
-          inertia(1, model%grid%cell_node(i, c)) = inertia(1, model%grid%cell_node(i, c)) + &
-                                               0.5_wp*model%density*model%quadrature%measure(c)/2**ndim
+          node = model%grid%cell_node(i, c)
+          inertia(1, node) = inertia(1, node) + &
+                             0.5_wp*model%density*model%quadrature%measure(c)/2**ndim
         end do
       end do
       call model%grid%node_map%scatter_add(model%comm, 1, inertia)

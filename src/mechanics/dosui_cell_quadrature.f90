@@ -5,7 +5,8 @@
 !! what is left. So the mean strain of a cell comes from the gradient at its centre, which is exact
 !! for a full cell, and particles add their deviation from their own mean:
 !!
-!!     strain_p = C_c v + dev(L_p v - mean of L v),   f = - W C^T mean(sigma) - V L^T dev(sigma - mean)
+!!     strain_p = C_c v + dev(L_p v - mean of L v)
+!!     f = - W C^T mean(sigma) - V L^T dev(sigma - mean)
 !!
 !! the second line being the adjoint of the first (cf. the mean-strain hexahedron of Flanagan &
 !! Belytschko 1981, whose hourglass modes the particles' deviations control here). W is the volume
@@ -37,7 +38,7 @@ module dosui_cell_quadrature
     integer, allocatable :: host(:)                  !! (n_cell) the cell that a cell belongs to
     real(wp), allocatable :: measure(:)              !! (n_cell) W [m3]
     logical, allocatable :: is_cut(:)                !! (n_cell)
-    real(wp), allocatable :: gradient(:, :, :)       !! (ndim, 2**ndim, n_cell) C, unless fitted [1/m]
+    real(wp), allocatable :: gradient(:, :, :)   !! (ndim, 2**ndim, n_cell) C, unless fitted [1/m]
   contains
     procedure :: init_from_shapes => cell_quadrature_init_from_shapes
     procedure :: init_from_particles => cell_quadrature_init_from_particles

@@ -19,9 +19,9 @@ contains
     !!
     !! With cell and cell_volume_strain the volume change of each strain is replaced by that of the
     !! particle's cell (B-bar), in equal parts over the scene's directions, so that plane and
-    !! uniaxial strain stay what they are. cell_shift is added before that. With spin (updated mode) stresses first turn with the
-    !! material: the Jaumann rate, integrated so that rotations keep stress invariants exactly
-    !! (Hughes & Winget 1980).
+    !! uniaxial strain stay what they are. cell_shift is added before that. With spin (updated
+    !! mode) stresses first turn with the material: the Jaumann rate, integrated so that rotations
+    !! keep stress invariants exactly (Hughes & Winget 1980).
     type(material_set_t), intent(in) :: materials
     integer, intent(in) :: n
     integer, intent(in) :: material(n)                      !! index in the set

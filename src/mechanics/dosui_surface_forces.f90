@@ -10,7 +10,7 @@
 !! Its displacement error is stress / kappa, first order in h.
 module dosui_surface_forces
   use dosui_kinds, only: wp
-  use dosui_dimension, only: ndim, voigt_slot
+  use dosui_dimension, only: ndim, axis, voigt_slot
   use dosui_communicator, only: communicator_t
   use dosui_grid, only: grid_t
   use dosui_scene, only: mechanical_condition_t
@@ -100,8 +100,9 @@ contains
     self%n_dropped = 0
     do p = 1, n_point
       do k = 1, self%n_part
-        if (self%cell(k, p) > 0) call keep_usable(self%node(:, k, p), usable, mass, &
-                                                  1.0_wp/real(self%n_part, wp), self%weight(:, k, p))
+        if (self%cell(k, p) == 0) cycle
+        call keep_usable(self%node(:, k, p), usable, mass, 1.0_wp/real(self%n_part, wp), &
+                         self%weight(:, k, p))
       end do
       if (.not. any(abs(self%weight(:, :, p)) > 0.0_wp) .and. any(handled(:, p)) .and. &
           cell(p) > 0) self%n_dropped = self%n_dropped + 1
@@ -124,30 +125,28 @@ contains
     integer, intent(in) :: host(grid%n_cell)
     real(wp), intent(inout) :: place(ndim)     !! of the point, then of the part [m]
     integer, intent(inout) :: cell             !! likewise
-    real(wp) :: along(ndim, max(1, ndim - 1)), side, moved(ndim, 1)
-    integer :: d, rest, patch(1), found(1), n_lost
+    real(wp) :: outward(3), along(3, 2), side, shift, moved(ndim, 1)
+    integer :: d, rest, parts, patch(1), found(1), n_lost
 
-    along = 0.0_wp
-    if (ndim > 1) then   ! in the x-z plane, and y
-      along(1, 1) = -normal(ndim)
-      along(ndim, 1) = normal(1)
-      if (norm2(along(:, 1)) < 0.5_wp) along(1, 1) = 1.0_wp   ! a face across y
-      if (ndim == 3) then
-        along(2, 2) = 1.0_wp
-        if (abs(normal(2)) > 0.5_wp) along(:, 2) = [(merge(1.0_wp, 0.0_wp, d == ndim), d=1, ndim)]
-      end if
-    end if
+    outward = 0.0_wp
+    outward(axis) = normal
+    along(:, 1) = [-outward(3), 0.0_wp, outward(1)]   ! in the x-z plane
+    if (norm2(along(:, 1)) < 0.5_wp) along(:, 1) = [1.0_wp, 0.0_wp, 0.0_wp]
+    along(:, 2) = [0.0_wp, 1.0_wp, 0.0_wp]
+    if (abs(outward(2)) > 0.5_wp) along(:, 2) = [0.0_wp, 0.0_wp, 1.0_wp]
     side = area**(1.0_wp/real(max(1, ndim - 1), wp))
     moved(:, 1) = place
     rest = number - 1
-    do d = 1, ndim - 1
-      moved(:, 1) = moved(:, 1) + along(:, d)*side*((real(mod(rest, parts_per_direction), wp) + &
-                                                     0.5_wp)/parts_per_direction - 0.5_wp)
-      rest = rest/parts_per_direction
+    do d = 1, 2
+      parts = merge(parts_per_direction, 1, d < ndim)
+      shift = (real(mod(rest, parts), wp) + 0.5_wp)/real(parts, wp) - 0.5_wp
+      moved(:, 1) = moved(:, 1) + shift*side*along(axis, d)
+      rest = rest/parts
     end do
     patch = 0
     found = 0
-    call grid%locate(1, moved - inward*grid%spacing*reshape(normal, [ndim, 1]), patch, found, n_lost)
+    call grid%locate(1, moved - inward*grid%spacing*reshape(normal, [ndim, 1]), patch, found, &
+                     n_lost)
     if (found(1) == 0) return
     place = moved(:, 1)
     cell = host(found(1))
@@ -173,8 +172,8 @@ contains
   end function hat_weights
 
   pure subroutine keep_usable(node, usable, mass, total, weight)
-    !! Drops the weights of unusable nodes and scales the others to their total. If none is left, the
-    !! heaviest node takes all, so that no load is lost while the point's cell holds any mass.
+    !! Drops the weights of unusable nodes and scales the others to their total. If none is left,
+    !! the heaviest node takes all: no load is lost while the point's cell holds any mass.
     integer, intent(in) :: node(2**ndim)
     logical, intent(in) :: usable(:)
     real(wp), intent(in) :: mass(:)            !! nodal masses [kg]
@@ -373,7 +372,8 @@ contains
         end if
         do b = 1, ndim
           do a = 1, ndim
-            lift(voigt_slot(a, b), cell) = lift(voigt_slot(a, b), cell) - area(p)*slip(a)*normal(b, p)
+            lift(voigt_slot(a, b), cell) = lift(voigt_slot(a, b), cell) - &
+                                           area(p)*slip(a)*normal(b, p)
           end do
         end do
       end do

@@ -9,6 +9,8 @@ module dosui_cell_filling
 
   public :: filling_t, cell_filling
 
+  integer, parameter :: middle = min(ndim, 2)   ! y in 3-D
+
   type :: filling_t
     !! Integrals over the filled part of a cell, in local coordinates (0 to 1 in the cell).
     real(wp) :: volume = 0.0_wp           !! over that of the cell [-]
@@ -41,7 +43,7 @@ contains
     real(wp), intent(in) :: spacing        !! of the grid [m]
     type(filling_t) :: filling, part
     real(wp) :: low(ndim), high(ndim), from, to
-    integer :: r, d
+    integer :: r
 
     do r = 1, size(regions)
       call shape_bounds(regions(r), regions(r)%shape_angle, low, high)
@@ -56,15 +58,15 @@ contains
         part%mixed = (to**3 - from**3)/3.0_wp
       else
         part = section_filling(regions(r), corner, spacing)
-        do d = 2, ndim - 1   ! shapes are prisms along y
-          from = max(low(d), 0.0_wp)
-          to = min(high(d), 1.0_wp)
-          part%moment(d) = 0.5_wp*(to**2 - from**2)*part%volume
+        if (ndim == 3) then   ! shapes are prisms along y
+          from = max(low(middle), 0.0_wp)
+          to = min(high(middle), 1.0_wp)
+          part%moment(middle) = 0.5_wp*(to**2 - from**2)*part%volume
           part%moment(1) = (to - from)*part%moment(1)
           part%moment(ndim) = (to - from)*part%moment(ndim)
           part%volume = (to - from)*part%volume
           part%mixed = (to - from)*part%mixed
-        end do
+        end if
       end if
       call filling%add(part, spread(0, 1, ndim))
     end do

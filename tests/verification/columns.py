@@ -54,7 +54,9 @@ class Column:
     @property
     def initial_pressure(self) -> float:
         """Undrained pressure under the load, or what a rigid skeleton starts from [Pa]."""
-        return self.load if self.rigid else self.load * self.softness / (self.softness + self.storage)
+        return (
+            self.load if self.rigid else self.load * self.softness / (self.softness + self.storage)
+        )
 
     def depth(self, points: np.ndarray) -> np.ndarray:
         """Distance of points (n, 3) from the drained top [m]."""

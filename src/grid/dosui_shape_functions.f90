@@ -252,20 +252,30 @@ contains
   end subroutine fold
 
   pure subroutine multiply_out(factor, products)
-    !! Products of one factor per direction, x fastest: the list grows threefold in each direction.
+    !! Products of one factor per direction, x fastest. Trip counts are constants, to be unrolled.
     real(wp), intent(in) :: factor(0:2, ndim)
     real(wp), intent(inout) :: products(n_wide)
-    integer :: d, i, n
+    integer, parameter :: middle = min(ndim, 2)
+    integer :: i, j, k
 
-    products(1) = 1.0_wp
-    n = 1
-    do d = 1, ndim
-      do i = 1, n
-        products(2*n + i) = products(i)*factor(2, d)
-        products(n + i) = products(i)*factor(1, d)
-        products(i) = products(i)*factor(0, d)
+    if (ndim == 1) then
+      do i = 0, 2
+        products(i + 1) = factor(i, 1)
       end do
-      n = 3*n
-    end do
+    else if (ndim == 2) then
+      do j = 0, 2
+        do i = 0, 2
+          products(3*j + i + 1) = factor(i, 1)*factor(j, ndim)
+        end do
+      end do
+    else
+      do k = 0, 2
+        do j = 0, 2
+          do i = 0, 2
+            products(9*k + 3*j + i + 1) = factor(i, 1)*(factor(j, middle)*factor(k, ndim))
+          end do
+        end do
+      end do
+    end if
   end subroutine multiply_out
 end module dosui_shape_functions

@@ -146,24 +146,24 @@ contains
     type(model_t), intent(inout) :: model
     type(error_t), intent(inout) :: err
     type(result_field_t), allocatable :: fields(:)
-    real(wp), allocatable :: values(:, :), one(:, :)
-    integer :: k, first, n
+    real(wp), allocatable :: values(:, :)
+    logical :: is_new
+    integer :: k, n
 
     n = model%particles%count
-    fields = result_fields(model%coupled)
-    allocate (values(sum(fields%n_components), n))
-    first = 0
-    do k = 1, size(fields)
-      call field_values(model, trim(fields(k)%name), one)
-      values(first + 1:first + size(one, 1), :) = one
-      first = first + size(one, 1)
-    end do
     call self%result%write_history(model%comm, self%history, err)
     call model%comm%agree(err)
-    if (.not. err%failed()) then
-      call self%result%write_step(model%comm, model%clock%time, n, model%particles%id(1:n), &
-                                  points_in_space(model), values, err)
-    end if
+    if (err%failed()) return
+    call self%result%begin_step(model%comm, model%clock%time, n, model%particles%id(1:n), &
+                                points_in_space(model), is_new, err)
+    call model%comm%agree(err)
+    if (err%failed() .or. .not. is_new) return
+    fields = result_fields(model%coupled)
+    do k = 1, size(fields)
+      call field_values(model, trim(fields(k)%name), values)
+      call self%result%write_field(model%comm, k, n, values, err)
+    end do
+    call self%result%end_step(model%comm, err)
     call model%comm%agree(err)
   end subroutine run_files_write_step
 

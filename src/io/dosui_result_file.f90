@@ -58,6 +58,13 @@ module dosui_result_file
     character(len=256), allocatable :: metadata_value(:)
   end type result_layout_t
 
+  type :: step_plan_t
+    !! Where the points of the step that is being written go.
+    real(wp) :: time = 0.0_wp
+    integer(i8) :: n_total = 0_i8, first_row = 0_i8
+    integer, allocatable :: outgoing(:), send_count(:), order(:)
+  end type step_plan_t
+
   type :: twin_t
     !! One of the two sets of objects that must change together.
     integer(hid_t) :: steps = -1_hid_t, values = -1_hid_t, number_of_points = -1_hid_t
@@ -79,6 +86,7 @@ module dosui_result_file
     integer(i8), private :: n_row = 0_i8            !! rows in use
     integer, private :: active = 0                  !! twin that /VTKHDF shows; 0: none yet
     type(twin_t), private :: twin(2)
+    type(step_plan_t), private :: plan
     integer(hid_t), private :: points = -1_hid_t, ids = -1_hid_t
     integer(hid_t), private :: point_offsets = -1_hid_t, cell_offsets = -1_hid_t
     integer(hid_t), private :: number_of_cells = -1_hid_t, vertex_offsets = -1_hid_t
@@ -88,6 +96,9 @@ module dosui_result_file
     procedure :: create => result_create
     procedure :: open_existing => result_open_existing
     procedure :: write_step => result_write_step
+    procedure :: begin_step => result_begin_step
+    procedure :: write_field => result_write_field
+    procedure :: end_step => result_end_step
     procedure :: write_history => result_write_history
     procedure :: close => result_close
   end type result_file_t
@@ -162,32 +173,76 @@ contains
     real(wp), intent(in) :: points(3, n)     !! positions, unused coordinates 0 [m]
     real(wp), intent(in) :: values(:, :)     !! (sum of the fields' components, n), fields in order
     type(error_t), intent(inout) :: err
-    integer, allocatable :: outgoing(:), send_count(:), order(:)
-    integer(i8), allocatable :: sorted_id(:)
-    integer(i8) :: n_total, first_row
-    integer :: k, row, width, n_local
+    logical :: is_new
+    integer :: k, row, width
 
-    if (self%n_step > 0 .and. .not. (time > self%last_time)) then
-      if (.not. (abs(time - self%last_time) <= 0.0_wp)) call err%set('output steps go back in time')
-      return
-    end if
-    n_total = comm%sum(int(n, i8))
-    call check_room(self, n_total, err)
-    if (err%failed()) return
-    call plan_redistribution(comm, n, id, outgoing, send_count, order, sorted_id)
-    n_local = size(sorted_id)
-    first_row = self%n_row + comm%prefix_sum(int(n_local, i8)) + 1_i8
-    call hdf5_write_rows(self%ids, first_row, n_local, sorted_id, err)
-    call write_columns(comm, self%points, first_row, 3, n, points, outgoing, send_count, order, err)
+    call self%begin_step(comm, time, n, id, points, is_new, err)
+    if (err%failed() .or. .not. is_new) return
     row = 0
     do k = 1, size(self%layout%field)
       width = self%layout%field(k)%n_components
-      call write_columns(comm, self%field(k), first_row, width, n, values(row + 1:row + width, :), &
-                         outgoing, send_count, order, err)
+      call self%write_field(comm, k, n, values(row + 1:row + width, :), err)
       row = row + width
     end do
-    call commit(self, comm, self%n_step + 1, time, n_total, err)
+    call self%end_step(comm, err)
   end subroutine result_write_step
+
+  subroutine result_begin_step(self, comm, time, n, id, points, is_new, err)
+    !! Begins a step, whose fields follow one by one (`write_field`), so that no more than one of
+    !! them need be held; `end_step` shows it to readers. Not new: already there, skip the rest.
+    class(result_file_t), intent(inout) :: self
+    type(communicator_t), intent(in) :: comm
+    real(wp), intent(in) :: time             !! [s]
+    integer, intent(in) :: n                 !! points of this rank, may be 0
+    integer(i8), intent(in) :: id(n)         !! global, unique
+    real(wp), intent(in) :: points(3, n)     !! positions, unused coordinates 0 [m]
+    logical, intent(out) :: is_new
+    type(error_t), intent(inout) :: err
+    integer(i8), allocatable :: sorted_id(:)
+    integer :: n_local
+
+    is_new = .not. (self%n_step > 0 .and. .not. (time > self%last_time))
+    if (.not. is_new) then
+      if (.not. (abs(time - self%last_time) <= 0.0_wp)) call err%set('output steps go back in time')
+      return
+    end if
+    associate (plan => self%plan)
+      plan%time = time
+      plan%n_total = comm%sum(int(n, i8))
+      call check_room(self, plan%n_total, err)
+      if (err%failed()) return
+      call plan_redistribution(comm, n, id, plan%outgoing, plan%send_count, plan%order, sorted_id)
+      n_local = size(sorted_id)
+      plan%first_row = self%n_row + comm%prefix_sum(int(n_local, i8)) + 1_i8
+      call hdf5_write_rows(self%ids, plan%first_row, n_local, sorted_id, err)
+      call write_columns(comm, self%points, plan%first_row, 3, n, points, plan%outgoing, &
+                         plan%send_count, plan%order, err)
+    end associate
+  end subroutine result_begin_step
+
+  subroutine result_write_field(self, comm, number, n, values, err)
+    !! Writes a field of the step that has begun.
+    class(result_file_t), intent(inout) :: self
+    type(communicator_t), intent(in) :: comm
+    integer, intent(in) :: number            !! of the field in the layout
+    integer, intent(in) :: n                 !! points of this rank
+    real(wp), intent(in) :: values(:, :)     !! (components, n), in the order of begin_step
+    type(error_t), intent(inout) :: err
+
+    call write_columns(comm, self%field(number), self%plan%first_row, &
+                       self%layout%field(number)%n_components, n, values, self%plan%outgoing, &
+                       self%plan%send_count, self%plan%order, err)
+  end subroutine result_write_field
+
+  subroutine result_end_step(self, comm, err)
+    !! Makes the step visible.
+    class(result_file_t), intent(inout) :: self
+    type(communicator_t), intent(in) :: comm
+    type(error_t), intent(inout) :: err
+
+    call commit(self, comm, self%n_step + 1, self%plan%time, self%plan%n_total, err)
+    deallocate (self%plan%outgoing, self%plan%send_count, self%plan%order)
+  end subroutine result_end_step
 
   subroutine result_write_history(self, comm, history, err)
     !! Writes the rows waiting on root and forgets them.

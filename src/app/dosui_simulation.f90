@@ -133,6 +133,7 @@ contains
       end if
       if (err%failed()) then
         call model%comm%agree(err)
+        call write_last_state(model, files, write_error)
         call files%close(model, write_error)
         return
       end if
@@ -159,7 +160,8 @@ contains
       call checkpoint_if_due(model, files, last_checkpoint, err)
       if (err%failed()) return
     end do
-    call files%close(model, err)
+    call files%write_step(model, err)   ! where maximum_steps ends a run; else it is there already
+    if (.not. err%failed()) call files%close(model, err)
     if (.not. err%failed()) status = status_finished
   end subroutine advance
 
@@ -179,6 +181,9 @@ contains
     type(model_t), intent(inout) :: model
     type(error_t), intent(inout) :: err
 
+    if (model%inverted > 0) then
+      call err%set(describe_particle(model, 'has lost all its volume (J <= 0)', model%inverted))
+    end if
     call model%comm%agree(err)   ! only in updated scenes can a single rank fail within a step
     if (err%failed()) return
     if (needs_rebuild(model)) then
@@ -247,6 +252,21 @@ contains
     call model%log%warning('particles left the domain and were removed: '// &
                            to_text(model%removed)//' so far')
   end subroutine remove_leavers
+
+  subroutine write_last_state(model, files, err)
+    !! Before a run stops with an error: its state, if all of it is numbers. Collective.
+    type(model_t), intent(inout) :: model
+    type(run_files_t), intent(inout) :: files
+    type(error_t), intent(inout) :: err
+    logical :: sound
+    integer :: p
+
+    sound = .true.
+    do p = 1, model%particles%count
+      sound = sound .and. is_sound(model, p)
+    end do
+    if (model%comm%all(sound)) call files%write_step(model, err)
+  end subroutine write_last_state
 
   subroutine check_state(model, err)
     !! Stops all ranks when a particle's state is not a number. Collective.

@@ -38,9 +38,9 @@ contains
     !! Step from the named limits (numerics: 1/(1/t_d + 1/t_w) when the water takes one sub-step),
     !! then the water's sub-steps or stages for it.
     type(model_t), intent(inout) :: model
-    type(step_limit_t) :: limits(4)
+    type(step_limit_t) :: limits(5)
     character(len=name_length) :: stepping
-    real(wp) :: courant, ratio, rate
+    real(wp) :: courant, ratio, rate, speed
 
     courant = model%scene%time%courant
     stepping = model%scene%water%stepping
@@ -72,6 +72,13 @@ contains
         end if
       end if
     end if
+    if (model%updated) then
+      speed = fastest_particle(model)
+      if (speed > 0.0_wp) then
+        limits(5)%name = 'particle speed'
+        limits(5)%dt = courant*model%scene%grid_spacing/speed
+      end if
+    end if
     call model%clock%choose_step(model%scene%time, limits)
     model%substeps = 1
     model%stages = 0
@@ -80,6 +87,21 @@ contains
     if (stepping == 'subcycle') model%substeps = ceiling(ratio)
     if (stepping == 'rkl2') model%stages = stages_needed(ratio)
   end subroutine choose_explicit_step
+
+  real(wp) function fastest_particle(model) result(speed)
+    !! Largest speed of a particle [m/s]. Collective.
+    type(model_t), intent(in) :: model
+    real(wp) :: square
+    integer :: p
+
+    square = 0.0_wp
+    associate (velocity => model%particles%field(model%p%velocity)%values)
+      do p = 1, model%particles%count
+        square = max(square, sum(velocity(:, p)**2))
+      end do
+    end associate
+    speed = sqrt(model%comm%maximum(square))
+  end function fastest_particle
 
   pure real(wp) function wave_limit(model) result(limit)
     !! Time that the fastest wave needs for a grid cell [s].

@@ -47,6 +47,7 @@ module dosui_model
     logical :: coupled = .false.     !! water is computed
     logical :: rigid = .false.       !! skeleton does not move: mechanics is skipped
     logical :: updated = .false.     !! particles move, geometry follows
+    integer :: inverted = 0          !! a particle that lost all its volume; 0: none
     logical :: relaxing = .false.    !! an equilibrium is sought: particles keep their places
     logical :: averaged = .false.    !! volume change is averaged over cells
     logical :: centred = .false.     !! means of cells come from one gradient per cell

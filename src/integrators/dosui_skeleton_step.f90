@@ -209,7 +209,7 @@ contains
     type(model_t), intent(inout) :: model
     type(error_t), intent(inout) :: err
     real(wp), allocatable :: cell_strain(:), shift(:, :)
-    integer :: n_inverted
+    integer :: n_inverted, first
 
     call model%timers%start(model%phase%to_particles)
     call move_particles(model)
@@ -231,8 +231,8 @@ contains
       if (model%updated) then
         call update_volume(n, model%strain_increment, field(h%volume)%values, &
                            field(h%porosity)%values, n_inverted, cell=model%cell, &
-                           cell_volume_strain=cell_strain)
-        if (n_inverted > 0) call err%set('a particle lost all its volume (J <= 0)')
+                           cell_volume_strain=cell_strain, first=first)
+        if (n_inverted > 0 .and. model%inverted == 0) model%inverted = first
       end if
     end associate
     call model%timers%stop(model%phase%stress)

@@ -123,7 +123,7 @@ contains
   end subroutine rotate_stress
 
   pure subroutine update_volume(n, strain_increment, volume, porosity, n_inverted, cell, &
-                                cell_volume_strain)
+                                cell_volume_strain, first)
     !! Kernel: V grows by the volume change of the step, grains keep theirs: (1 - n) V is constant.
     !! Particles whose volume would vanish keep it and are counted.
     integer, intent(in) :: n
@@ -133,10 +133,12 @@ contains
     integer, intent(out) :: n_inverted
     integer, intent(in), optional :: cell(n)
     real(wp), intent(in), optional :: cell_volume_strain(:) !! replaces the particles' own [-]
+    integer, intent(out), optional :: first                 !! inverted particle, 0: none
     real(wp) :: ratio
     integer :: a, p
 
     n_inverted = 0
+    if (present(first)) first = 0
     do p = 1, n
       ratio = 1.0_wp
       if (present(cell_volume_strain)) then
@@ -148,6 +150,7 @@ contains
       end if
       if (.not. (ratio > 0.0_wp)) then
         n_inverted = n_inverted + 1
+        if (present(first) .and. n_inverted == 1) first = p
         cycle
       end if
       volume(p) = volume(p)*ratio

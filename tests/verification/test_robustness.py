@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import subprocess
 import time
 
 import h5py
+import numpy as np
 import pytest
 from conftest import BIN, ROOT, Runner, scene_text
 
@@ -108,3 +110,26 @@ def test_signal_writes_a_checkpoint(dosui: Runner, tmp_path, number: signal.Sign
     run = dosui(text, "--restart", "terzaghi_1d.restart.h5", timeout=300)
     assert run.status == 0, run.stderr
     assert run.times("terzaghi_1d")[-1] == pytest.approx(end, abs=1e-3)
+
+
+@pytest.mark.parametrize("ranks", [1, 3])
+def test_crushed_particle_is_named(dosui: Runner, ranks: int) -> None:
+    """J <= 0 stops all ranks with step, time, id and place; the state at the end is in the file."""
+    text = """
+&scene dimension = 2 water = 'none' deformation = 'updated' /
+&grid spacing = 0.1 /
+&time end_time = 1.0 output_interval = 0.01 /
+&material name = 'soil' young_modulus = 1.0e4 poisson_ratio = 0.2 porosity = 0.3 /
+&region name = 'block' material = 'soil' box_min = 0.0, 0.0 box_max = 1.0, 1.0
+  velocity = 0.0, -60.0 /
+&surface name = 'base' region = 'block' face = 'z-' /
+&mechanical_condition surface = 'base' kind = 'roller' /
+&output name = 'crush' /
+"""
+    run = dosui(text, ranks=ranks)
+    assert run.status == 1
+    pattern = r"particle \d+ has lost all its volume \(J <= 0\) in step \d+, t = \S+ s, at \("
+    assert re.search(pattern, run.stderr), run.stderr
+    times = run.times("crush")
+    assert len(times) >= 2 and times[-1] > 0.01
+    assert np.isfinite(run.fields("crush")["effective_stress"]).all()

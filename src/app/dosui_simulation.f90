@@ -258,14 +258,8 @@ contains
     type(model_t), intent(inout) :: model
     type(run_files_t), intent(inout) :: files
     type(error_t), intent(inout) :: err
-    logical :: sound
-    integer :: p
 
-    sound = .true.
-    do p = 1, model%particles%count
-      sound = sound .and. is_sound(model, p)
-    end do
-    if (model%comm%all(sound)) call files%write_step(model, err)
+    if (model%comm%all(first_unsound(model) == 0)) call files%write_step(model, err)
   end subroutine write_last_state
 
   subroutine check_state(model, err)
@@ -274,14 +268,20 @@ contains
     type(error_t), intent(inout) :: err
     integer :: p
 
-    do p = 1, model%particles%count
-      if (.not. is_sound(model, p)) then
-        call err%set(describe_particle(model, 'has a state that is not a finite number', p))
-        exit
-      end if
-    end do
+    p = first_unsound(model)
+    if (p > 0) call err%set(describe_particle(model, 'has a state that is not a finite number', p))
     call model%comm%agree(err)
   end subroutine check_state
+
+  integer function first_unsound(model) result(p)
+    !! The first of this rank's particles whose state is not finite; 0: none.
+    type(model_t), intent(in) :: model
+
+    do p = 1, model%particles%count
+      if (.not. is_sound(model, p)) return
+    end do
+    p = 0
+  end function first_unsound
 
   logical function is_sound(model, p) result(sound)
     !! Are velocity, stress and pressure of a particle finite?

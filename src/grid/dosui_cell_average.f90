@@ -11,7 +11,7 @@ module dosui_cell_average
   implicit none
   private
 
-  public :: cell_sums, cell_trace_sums, block_sums
+  public :: cell_sums, cell_tensor_sums, cell_trace_sums, block_sums
 
   type, public :: cell_average_t
     !! Weights of cells and blocks, complete over all ranks.
@@ -81,6 +81,32 @@ contains
     end do
     sums(here) = sums(here) + total
   end subroutine cell_trace_sums
+
+  pure subroutine cell_tensor_sums(n, cell, weight, tensor, n_cell, sums)
+    !! Kernel: sums of weight*tensor over the particles of each cell.
+    integer, intent(in) :: n
+    integer, intent(in) :: cell(n)
+    real(wp), intent(in) :: weight(n)
+    real(wp), intent(in) :: tensor(nsig, n)   !! strains or stresses
+    integer, intent(in) :: n_cell
+    real(wp), intent(out) :: sums(nsig, n_cell)
+    integer :: p, here
+    real(wp) :: total(nsig)
+
+    sums = 0.0_wp
+    if (n == 0) return
+    here = cell(1)
+    total = 0.0_wp
+    do p = 1, n   ! a run of particles in one cell is summed in registers
+      if (cell(p) /= here) then
+        sums(:, here) = sums(:, here) + total
+        here = cell(p)
+        total = 0.0_wp
+      end if
+      total = total + weight(p)*tensor(:, p)
+    end do
+    sums(:, here) = sums(:, here) + total
+  end subroutine cell_tensor_sums
 
   pure subroutine block_sums(width, n_cell, cell_block, cell_value, n_block, sums)
     !! Kernel: sums of cell values over the blocks.

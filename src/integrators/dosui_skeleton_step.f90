@@ -2,8 +2,7 @@
 module dosui_skeleton_step
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim, nsig, voigt_slot
-  use dosui_cell_average, only: cell_sums, cell_trace_sums
-  use dosui_cell_quadrature, only: cell_tensor_sums
+  use dosui_cell_average, only: cell_sums, cell_tensor_sums, cell_trace_sums
   use dosui_damping, only: damp_forces, damping_at, damping_none
   use dosui_error, only: error_t
   use dosui_grid_to_particle, only: grid_to_particles
@@ -45,7 +44,7 @@ contains
     !! Particles to grid: mean stresses through the cells' gradients, deviations at particles.
     type(model_t), intent(inout) :: model
     real(wp), intent(in) :: gravity(ndim)   !! [m/s2]
-    real(wp), allocatable :: affine(:, :), stress(:, :), pressure(:)
+    real(wp), allocatable :: stress(:, :), pressure(:)
     integer :: a
 
     allocate (stress(nsig, model%grid%n_cell), pressure(model%grid%n_cell))
@@ -53,12 +52,8 @@ contains
       call cell_tensor_sums(n, model%cell, model%weight, field(h%effective_stress)%values, &
                             model%grid%n_cell, stress)
       call model%average%cell_means(model%comm, model%grid, nsig, stress)
-      if (h%affine > 0) affine = field(h%affine)%values(:, 1:n)
-      call particles_to_grid(model%grid, n, model%patch, field(h%position)%values, &
-                             field(h%velocity)%values, field(h%mass)%values, model%weight, &
-                             field(h%effective_stress)%values, gravity, model%nodal, &
-                             affine=affine, cell=model%cell, cell_stress=stress)
     end associate
+    call spread_particles(model, gravity, cell_stress=stress)
     if (model%coupled) then
       call mean_cell_pressures(model, pressure)
       do a = 1, ndim
@@ -80,7 +75,7 @@ contains
     !! Particles to grid: mean normal stress and pressure of the cells, at the particles (B-bar).
     type(model_t), intent(inout) :: model
     real(wp), intent(in) :: gravity(ndim)   !! [m/s2]
-    real(wp), allocatable :: affine(:, :), mean(:), pressure(:)
+    real(wp), allocatable :: mean(:), pressure(:)
 
     allocate (mean(model%grid%n_cell), pressure(model%grid%n_cell))
     associate (field => model%particles%field, h => model%p, n => model%particles%count)
@@ -92,12 +87,8 @@ contains
         call mean_cell_pressures(model, pressure)
         mean = mean - pressure
       end if
-      if (h%affine > 0) affine = field(h%affine)%values(:, 1:n)
-      call particles_to_grid(model%grid, n, model%patch, field(h%position)%values, &
-                             field(h%velocity)%values, field(h%mass)%values, model%weight, &
-                             field(h%effective_stress)%values, gravity, model%nodal, &
-                             affine=affine, cell=model%cell, cell_mean_stress=mean)
     end associate
+    call spread_particles(model, gravity, cell_mean_stress=mean)
   end subroutine spread_averaged
 
   subroutine mean_cell_pressures(model, pressure)
@@ -114,22 +105,39 @@ contains
     !! Particles to grid without averages: every particle's own stress and pressure.
     type(model_t), intent(inout) :: model
     real(wp), intent(in) :: gravity(ndim)   !! [m/s2]
-    real(wp), allocatable :: affine(:, :), pressure(:)
 
-    ! absent optional arguments are unallocated actual arguments (Fortran 2008, 12.5.2.12)
-    associate (h => model%p, n => model%particles%count)
-      if (h%affine > 0) affine = model%particles%field(h%affine)%values(:, 1:n)
-      if (model%coupled) then
-        pressure = model%particles%field(h%pore_pressure)%values(1, 1:n)
-      end if
-      call particles_to_grid(model%grid, n, model%patch, model%particles%field(h%position)%values, &
-                             model%particles%field(h%velocity)%values, &
-                             model%particles%field(h%mass)%values, &
-                             model%particles%field(h%volume)%values, &
-                             model%particles%field(h%effective_stress)%values, gravity, &
-                             model%nodal, affine=affine, pore_pressure=pressure)
-    end associate
+    if (model%coupled) then
+      associate (pressure => model%particles%field(model%p%pore_pressure)%values)
+        call spread_particles(model, gravity, pore_pressure=pressure(1, :))
+      end associate
+    else
+      call spread_particles(model, gravity)
+    end if
   end subroutine spread_pointwise
+
+  subroutine spread_particles(model, gravity, cell_stress, cell_mean_stress, pore_pressure)
+    !! Particles to grid, with or without an affine field; stresses as `particles_to_grid` has them.
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: gravity(ndim)   !! [m/s2]
+    real(wp), intent(in), optional :: cell_stress(:, :), cell_mean_stress(:), pore_pressure(:)
+
+    associate (field => model%particles%field, h => model%p, n => model%particles%count)
+      if (h%affine > 0) then
+        call particles_to_grid(model%grid, n, model%patch, field(h%position)%values, &
+                               field(h%velocity)%values, field(h%mass)%values, model%weight, &
+                               field(h%effective_stress)%values, gravity, model%nodal, &
+                               affine=field(h%affine)%values, pore_pressure=pore_pressure, &
+                               cell=model%cell, cell_mean_stress=cell_mean_stress, &
+                               cell_stress=cell_stress)
+      else
+        call particles_to_grid(model%grid, n, model%patch, field(h%position)%values, &
+                               field(h%velocity)%values, field(h%mass)%values, model%weight, &
+                               field(h%effective_stress)%values, gravity, model%nodal, &
+                               pore_pressure=pore_pressure, cell=model%cell, &
+                               cell_mean_stress=cell_mean_stress, cell_stress=cell_stress)
+      end if
+    end associate
+  end subroutine spread_particles
 
   subroutine add_surface_forces(model)
     !! Tractions and penalty walls.

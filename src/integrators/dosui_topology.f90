@@ -270,7 +270,7 @@ contains
                              model%scene%gravity, nodal)
       call model%grid%node_map%scatter_add(model%comm, 1 + 2*ndim, nodal)
       call model%grid%node_map%gather(model%comm, 1 + 2*ndim, nodal)
-      if (model%centred .and. .not. model%updated .and. .not. model%quadrature%fitted) then
+      if (model%quadrature%exact .and. .not. model%quadrature%fitted) then
         host = model%quadrature%host
       end if
       call model%surface_forces%init(model%comm, model%grid, m, model%surface_cell, &
@@ -305,9 +305,7 @@ contains
     end if
     allocate (cuts(model%surface%count))
     do p = 1, model%surface%count
-      cuts(p) = .not. point_on_grid_plane(model%surface%field(surface_handle)%values(:, p), &
-                                          model%surface%field(model%s%normal)%values(:, p), &
-                                          model%scene%grid_origin, model%scene%grid_spacing)
+      cuts(p) = .not. lies_on_nodes(model, surface_handle, p)
     end do
     call model%quadrature%init_from_particles(model%comm, model%grid, n, cell, &
                                               model%particles%field(handle)%values(:, 1:n), &
@@ -322,7 +320,7 @@ contains
     integer :: c, i, node
 
     allocate (inertia(1, model%grid%n_node), source=0.0_wp)
-    if (model%centred .and. .not. model%updated .and. .not. model%quadrature%fitted) then
+    if (model%quadrature%exact .and. .not. model%quadrature%fitted) then
       do c = 1, model%grid%n_cell
         if (.not. model%grid%cell_map%is_owned(c)) cycle
         do i = 1, 2**ndim
@@ -344,13 +342,21 @@ contains
 
     fitted = .true.
     do p = 1, model%surface%count
-      fitted = fitted .and. &
-               point_on_grid_plane(model%surface%field(model%s%position)%values(:, p), &
-                                   model%surface%field(model%s%normal)%values(:, p), &
-                                   model%scene%grid_origin, model%scene%grid_spacing)
+      fitted = fitted .and. lies_on_nodes(model, model%s%position, p)
     end do
     fitted = model%comm%all(fitted)
   end function is_fitted
+
+  pure logical function lies_on_nodes(model, handle, p)
+    !! Does a surface point lie on a plane of grid nodes along its surface?
+    type(model_t), intent(in) :: model
+    integer, intent(in) :: handle   !! positions of the surface points
+    integer, intent(in) :: p
+
+    lies_on_nodes = point_on_grid_plane(model%surface%field(handle)%values(:, p), &
+                                        model%surface%field(model%s%normal)%values(:, p), &
+                                        model%scene%grid_origin, model%scene%grid_spacing)
+  end function lies_on_nodes
 
   subroutine refresh_weights(model)
     !! Weights of the particles in integrals and cell means. Collective.
@@ -382,9 +388,7 @@ contains
     allocate (model%on_nodes(size(model%scene%mechanical_condition), m), source=.false.)
     allocate (model%by_force(size(model%scene%mechanical_condition), m), source=.false.)
     do p = 1, m
-      fitted = point_on_grid_plane(model%surface%field(handle)%values(:, p), &
-                                   model%surface%field(model%s%normal)%values(:, p), &
-                                   model%scene%grid_origin, model%scene%grid_spacing)
+      fitted = lies_on_nodes(model, handle, p)
       do c = 1, size(model%scene%mechanical_condition)
         associate (condition => model%scene%mechanical_condition(c))
           if (model%scene%surface(nint(max(1.0_wp, &

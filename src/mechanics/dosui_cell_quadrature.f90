@@ -18,6 +18,7 @@ module dosui_cell_quadrature
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim, nsig, voigt_slot
   use dosui_communicator, only: communicator_t
+  use dosui_cell_average, only: cell_sums
   use dosui_cell_filling, only: cell_filling, filling_t
   use dosui_grid, only: grid_t
   use dosui_keys, only: pack_key
@@ -25,8 +26,6 @@ module dosui_cell_quadrature
   use dosui_sort, only: binary_search
   implicit none
   private
-
-  public :: cell_tensor_sums
 
   real(wp), parameter :: least_part = 0.3_wp      !! of a cell that stands alone [-]
   real(wp), parameter :: fitted_tolerance = 1.0e-9_wp   !! [-]
@@ -214,14 +213,13 @@ contains
     integer, intent(in) :: cell(n)
     real(wp), intent(in) :: volume(n)       !! [m3]
     real(wp), intent(inout) :: weight(n)    !! [m3]
-    real(wp), allocatable :: sums(:)
+    real(wp), allocatable :: sums(:), one(:)
     real(wp) :: full
     integer :: p, c
 
-    allocate (sums(grid%n_cell), source=0.0_wp)
-    do p = 1, n
-      sums(cell(p)) = sums(cell(p)) + volume(p)
-    end do
+    allocate (sums(grid%n_cell))
+    allocate (one(n), source=1.0_wp)
+    call cell_sums(n, cell, volume, one, grid%n_cell, sums)
     call grid%cell_map%scatter_add(comm, 1, sums)
     call grid%cell_map%gather(comm, 1, sums)
     full = grid%spacing**ndim
@@ -294,30 +292,4 @@ contains
       end do
     end do
   end subroutine cell_quadrature_forces
-
-  pure subroutine cell_tensor_sums(n, cell, weight, tensor, n_cell, sums)
-    !! Kernel: sums of weight*tensor over the particles of each cell.
-    integer, intent(in) :: n
-    integer, intent(in) :: cell(n)
-    real(wp), intent(in) :: weight(n)
-    real(wp), intent(in) :: tensor(nsig, n)   !! strains or stresses
-    integer, intent(in) :: n_cell
-    real(wp), intent(out) :: sums(nsig, n_cell)
-    integer :: p, here
-    real(wp) :: total(nsig)
-
-    sums = 0.0_wp
-    if (n == 0) return
-    here = cell(1)
-    total = 0.0_wp
-    do p = 1, n   ! a run of particles in one cell is summed in registers
-      if (cell(p) /= here) then
-        sums(:, here) = sums(:, here) + total
-        here = cell(p)
-        total = 0.0_wp
-      end if
-      total = total + weight(p)*tensor(:, p)
-    end do
-    sums(:, here) = sums(:, here) + total
-  end subroutine cell_tensor_sums
 end module dosui_cell_quadrature

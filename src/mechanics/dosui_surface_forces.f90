@@ -216,12 +216,12 @@ contains
       traction = point_traction(conditions(c), time, normal(:, p), displacement(:, p), &
                                 velocity(:, p), self%stiffness, self%damping, plate_displacement(c))
       do k = 1, self%n_part
-        call spread(self, k, p, area(p)*traction, force)
+        call spread_load(self, k, p, area(p)*traction, force)
       end do
     end do
   end subroutine surface_forces_apply
 
-  pure subroutine spread(self, part, point, load, force)
+  pure subroutine spread_load(self, part, point, load, force)
     !! Adds a point's load on one of its parts to the nodes.
     class(surface_forces_t), intent(in) :: self
     integer, intent(in) :: part, point
@@ -233,7 +233,7 @@ contains
       node = self%node(i, part, point)
       if (node > 0) force(:, node) = force(:, node) + self%weight(i, part, point)*load
     end do
-  end subroutine spread
+  end subroutine spread_load
 
   pure function part_velocity(self, part, point, nodal_velocity) result(velocity)
     !! Share of one part in the velocity of a point: its mean is n_part times this [m/s].
@@ -420,7 +420,7 @@ contains
         if (conditions(c)%kind == 'roller' .or. conditions(c)%kind == 'normal_velocity') then
           traction = dot_product(traction, normal(:, p))*normal(:, p)
         end if
-        call spread(self, k, p, area(p)*traction, force)
+        call spread_load(self, k, p, area(p)*traction, force)
       end do
     end do
   end subroutine surface_forces_react

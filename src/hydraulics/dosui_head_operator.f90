@@ -30,6 +30,7 @@ module dosui_head_operator
     integer :: n_linear = 0                          !! rows that fell back to a pairwise form
     integer :: n_isolated = 0                        !! rows without any exchange
   contains
+    procedure :: clear => head_operator_clear
     procedure :: build => head_operator_build
     procedure :: apply => head_operator_apply
     procedure :: flux => head_operator_flux
@@ -46,15 +47,26 @@ module dosui_head_operator
 
 contains
 
+  subroutine head_operator_clear(self)
+    !! Gives its memory back, before neighbours are listed for the next build.
+    class(head_operator_t), intent(inout) :: self
+
+    if (.not. allocated(self%column)) return
+    deallocate (self%row_start, self%column, self%coefficient, self%boundary_start, &
+                self%boundary_point, self%boundary_is_head, self%boundary_weight)
+  end subroutine head_operator_clear
+
   subroutine head_operator_build(self, n_row, n_local, position, conductivity, row_start, &
                                  neighbour, spacing, radius, n_point, point_position, &
                                 point_normal, point_patch, point_kind, point_start, point_neighbour)
-    !! Computes all rows. Neighbour lists come with the radius R = radius x spacing.
+    !! Computes all rows. Neighbour lists come with the radius R = radius x spacing; those of
+    !! particles become the operator's own.
     class(head_operator_t), intent(inout) :: self
     integer, intent(in) :: n_row, n_local                        !! owned; owned and ghosts
     real(wp), intent(in) :: position(ndim, n_local)              !! [m]
     real(wp), intent(in) :: conductivity(n_local)                !! k [m/s]
-    integer, intent(in) :: row_start(:), neighbour(:)            !! particles near each row
+    integer, allocatable, intent(inout) :: row_start(:)          !! particles near each row, taken
+    integer, allocatable, intent(inout) :: neighbour(:)
     real(wp), intent(in) :: spacing                              !! dx [m]
     real(wp), intent(in) :: radius                               !! R/dx [-]
     integer, intent(in) :: n_point                               !! surface points, ghosts too
@@ -68,20 +80,22 @@ contains
     real(wp) :: laplacian(max_rows), factor
     integer :: k, j
 
+    call self%clear()
     self%n_row = n_row
-    self%row_start = row_start
-    self%column = neighbour
-    if (allocated(self%coefficient)) deallocate (self%coefficient, self%boundary_start)
-    allocate (self%coefficient(size(neighbour)), self%boundary_start(n_row + 1))
-    call reserve_boundary(self, size(point_neighbour))
+    call move_alloc(row_start, self%row_start)
+    call move_alloc(neighbour, self%column)
+    allocate (self%coefficient(size(self%column)), self%boundary_start(n_row + 1))
+    allocate (self%boundary_point(size(point_neighbour)), &   ! at most one entry per listed point
+              self%boundary_is_head(size(point_neighbour)), &
+              self%boundary_weight(size(point_neighbour)))
     self%n_linear = 0
     self%n_isolated = 0
     n_entry = 0
     do i = 1, n_row
       self%boundary_start(i) = n_entry + 1
-      first = row_start(i)
-      n_near = min(row_start(i + 1) - first, max_rows/2)
-      call particle_rows(position(:, i), n_near, neighbour(first:first + n_near - 1), position, &
+      first = self%row_start(i)
+      n_near = min(self%row_start(i + 1) - first, max_rows/2)
+      call particle_rows(position(:, i), n_near, self%column(first:first + n_near - 1), position, &
                          spacing, radius, stencil)
       call surface_rows(position(:, i), point_neighbour(point_start(i):point_start(i + 1) - 1), &
                         point_position, point_normal, point_patch, point_kind, spacing, radius, &
@@ -90,11 +104,11 @@ contains
       if (row_kind == 1) self%n_linear = self%n_linear + 1
       if (row_kind == 2) self%n_isolated = self%n_isolated + 1
       do k = 1, n_near
-        j = neighbour(first + k - 1)
+        j = self%column(first + k - 1)
         self%coefficient(first + k - 1) = harmonic_mean(conductivity(i), conductivity(j))* &
                                           laplacian(k)/spacing**2
       end do
-      self%coefficient(first + n_near:row_start(i + 1) - 1) = 0.0_wp
+      self%coefficient(first + n_near:self%row_start(i + 1) - 1) = 0.0_wp
       do k = n_near + 1, stencil%n
         n_entry = n_entry + 1
         j = point(k - n_near)
@@ -107,17 +121,6 @@ contains
     end do
     self%boundary_start(n_row + 1) = n_entry + 1
   end subroutine head_operator_build
-
-  subroutine reserve_boundary(self, n)
-    !! Room for surface entries: at most one per listed surface point.
-    type(head_operator_t), intent(inout) :: self
-    integer, intent(in) :: n
-
-    if (allocated(self%boundary_point)) then
-      deallocate (self%boundary_point, self%boundary_is_head, self%boundary_weight)
-    end if
-    allocate (self%boundary_point(n), self%boundary_is_head(n), self%boundary_weight(n))
-  end subroutine reserve_boundary
 
   pure real(wp) function harmonic_mean(a, b) result(mean)
     !! Harmonic mean of two conductivities [m/s]; 0 when either is 0.

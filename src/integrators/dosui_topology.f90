@@ -421,6 +421,7 @@ contains
     surface_handle = model%s%position
     if (model%updated) surface_handle = model%s%position_at_build
     radius = model%scene%water%support_radius*model%spacing
+    call model%head_operator%clear()
     call find_ghosts(model%comm, model%surface, surface_handle, n, &
                      model%particles%field(handle)%values(:, 1:n), radius, model%surface_map)
     call find_ghosts(model%comm, model%particles, handle, n, &

@@ -173,6 +173,7 @@ contains
     real(wp), intent(in) :: points(3, n)     !! positions, unused coordinates 0 [m]
     real(wp), intent(in) :: values(:, :)     !! (sum of the fields' components, n), fields in order
     type(error_t), intent(inout) :: err
+    real(wp), allocatable :: field(:, :)
     logical :: is_new
     integer :: k, row, width
 
@@ -181,7 +182,8 @@ contains
     row = 0
     do k = 1, size(self%layout%field)
       width = self%layout%field(k)%n_components
-      call self%write_field(comm, k, n, values(row + 1:row + width, :), err)
+      field = values(row + 1:row + width, :)
+      call self%write_field(comm, k, n, field, err)
       row = row + width
     end do
     call self%end_step(comm, err)
@@ -199,6 +201,7 @@ contains
     logical, intent(out) :: is_new
     type(error_t), intent(inout) :: err
     integer(i8), allocatable :: sorted_id(:)
+    real(wp), allocatable :: coordinates(:, :)
     integer :: n_local
 
     is_new = .not. (self%n_step > 0 .and. .not. (time > self%last_time))
@@ -215,7 +218,8 @@ contains
       n_local = size(sorted_id)
       plan%first_row = self%n_row + comm%prefix_sum(int(n_local, i8)) + 1_i8
       call hdf5_write_rows(self%ids, plan%first_row, n_local, sorted_id, err)
-      call write_columns(comm, self%points, plan%first_row, 3, n, points, plan%outgoing, &
+      coordinates = points
+      call write_columns(comm, self%points, plan%first_row, 3, n, coordinates, plan%outgoing, &
                          plan%send_count, plan%order, err)
     end associate
   end subroutine result_begin_step
@@ -226,7 +230,8 @@ contains
     type(communicator_t), intent(in) :: comm
     integer, intent(in) :: number            !! of the field in the layout
     integer, intent(in) :: n                 !! points of this rank
-    real(wp), intent(in) :: values(:, :)     !! (components, n), in the order of begin_step
+    real(wp), allocatable, intent(inout) :: values(:, :)
+    !! (components, n), in the order of begin_step; used up
     type(error_t), intent(inout) :: err
 
     call write_columns(comm, self%field(number), self%plan%first_row, &
@@ -864,32 +869,31 @@ contains
 
   subroutine write_columns(comm, dataset, first_row, width, n, values, outgoing, send_count, &
                            order, err)
-    !! Sends the rows of one field to their ranks and writes them there.
+    !! Sends the rows of one field to their ranks and writes them there; the values are used up.
     type(communicator_t), intent(in) :: comm
     integer(hid_t), intent(in) :: dataset
     integer(i8), intent(in) :: first_row          !! of this rank in the file
     integer, intent(in) :: width, n
-    real(wp), intent(in) :: values(:, :)          !! (width, n)
+    real(wp), allocatable, intent(inout) :: values(:, :)   !! (width, n)
     integer, intent(in) :: outgoing(n), send_count(0:), order(:)
     type(error_t), intent(inout) :: err
     real(wp), allocatable :: send(:), arrived(:), sorted(:, :)
     integer, allocatable :: arrived_count(:)
-    integer :: i, j
+    integer :: j
 
-    allocate (send(width*n))
-    do i = 1, n
-      do j = 1, width
-        send((i - 1)*width + j) = values(j, outgoing(i))
-      end do
+    ! one component after the other, in place where possible: little memory is in flight
+    if (size(order) /= n) allocate (sorted(width, size(order)))
+    do j = 1, width
+      send = values(j, outgoing)
+      call comm%exchange(send, send_count, arrived, arrived_count)
+      if (allocated(sorted)) then
+        sorted(j, :) = arrived(order)
+      else
+        values(j, :) = arrived(order)
+      end if
     end do
-    call comm%exchange(send, width*send_count, arrived, arrived_count)
-    allocate (sorted(width, size(order)))
-    do i = 1, size(order)
-      do j = 1, width
-        sorted(j, i) = arrived((order(i) - 1)*width + j)
-      end do
-    end do
-    call hdf5_write_rows(dataset, first_row, width, size(order), sorted, err)
+    if (allocated(sorted)) call move_alloc(sorted, values)
+    call hdf5_write_rows(dataset, first_row, width, size(order), values, err)
   end subroutine write_columns
 
   ! ---------------------------------------------------------------- an existing file

@@ -95,7 +95,7 @@ contains
     end do
     n = count + self%ghost_count
     if (size(self%id) < n) then
-      allocate (id(n + n/4), source=0_i8)
+      allocate (id(room_for(n, kept)), source=0_i8)
       id(1:kept) = self%id(1:kept)
       call move_alloc(id, self%id)
     else
@@ -113,10 +113,18 @@ contains
       field%values(:, kept + 1:n) = 0.0_wp
       return
     end if
-    allocate (values(field%width, n + n/4), source=0.0_wp)
+    allocate (values(field%width, room_for(n, kept)), source=0.0_wp)
     values(:, 1:kept) = field%values(:, 1:kept)
     call move_alloc(values, field%values)
   end subroutine resize_field
+
+  pure integer function room_for(n, kept) result(room)
+    !! Points to make room for: what is asked in the beginning, an eighth more for a set that grows.
+    integer, intent(in) :: n, kept
+
+    room = n
+    if (kept > 0) room = n + n/8
+  end function room_for
 
   subroutine point_set_reorder(self, permutation)
     !! New point k is old point permutation(k).

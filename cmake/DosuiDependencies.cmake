@@ -1,4 +1,4 @@
-# MPI with mpi_f08, parallel HDF5 with its Fortran modules, METIS with 32-bit indices.
+# MPI with mpi_f08, parallel HDF5 with its Fortran modules, METIS with 32-bit indices, PETSc.
 set(dosui_debian_hint "On Debian: apt install")
 
 find_package(MPI COMPONENTS Fortran)
@@ -32,3 +32,13 @@ ${metis_width}")
 endif()
 add_library(dosui_metis INTERFACE)
 target_link_libraries(dosui_metis INTERFACE ${METIS_LIBRARY})
+
+# PETSc with real double precision and 32-bit indices; its C functions only.
+find_library(PETSC_LIBRARY NAMES petsc_real petsc HINTS ENV PETSC_DIR PATH_SUFFIXES lib lib64
+  $ENV{PETSC_ARCH}/lib)
+if(NOT PETSC_LIBRARY)
+  message(FATAL_ERROR "dosui needs PETSc. ${dosui_debian_hint} libpetsc-real-dev; elsewhere set \
+PETSC_DIR or CMAKE_PREFIX_PATH")
+endif()
+add_library(dosui_petsc INTERFACE)
+target_link_libraries(dosui_petsc INTERFACE ${PETSC_LIBRARY})

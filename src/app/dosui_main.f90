@@ -9,6 +9,7 @@ program dosui_main
   use dosui_error, only: error_t
   use dosui_exit, only: exit_with
   use dosui_log, only: log_t
+  use dosui_petsc, only: petsc_stop
   use dosui_problems, only: problems_t
   use dosui_scene, only: scene_t
   use dosui_scene_reader, only: read_scene
@@ -48,6 +49,7 @@ program dosui_main
   else
     call run(status)
   end if
+  call petsc_stop()
   call parallel_stop()
   call exit_with(status)
 

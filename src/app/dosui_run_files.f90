@@ -183,7 +183,7 @@ contains
                              [model%clock%time, real(model%clock%step, wp), &
                               real(model%clock%output, wp), self%next_history, model%movement, &
                               real(model%removed, wp), real(model%brick_edge, wp), sums, &
-                              model%density], err)
+                              model%density, model%next_dt, model%pressure_scale], err)
     call writer%write_values(model%comm, 'bricks', brick_table(model), err)
     call writer%write_set(model%comm, 'particles', model%particles, err)
     call writer%write_set(model%comm, 'surface', model%surface, err)
@@ -219,6 +219,8 @@ contains
     model%removed = int(clock(6), i8)
     model%brick_edge = nint(clock(7))
     model%density = clock(11)
+    model%next_dt = clock(12)
+    model%pressure_scale = clock(13)
     if (same_ranks) call take_bricks(model, bricks)
     if (.not. model%comm%is_root()) return
     model%balance%stored = clock(8)

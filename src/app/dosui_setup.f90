@@ -46,7 +46,9 @@ contains
     end do
     model%spacing = minval([(region_spacing(scene, scene%region(k)), k=1, size(scene%region))])
     affine = scene%mechanics%transfer == 'apic' .and. .not. model%rigid
-    call register_particle_fields(model%particles, model%p, model%coupled, affine, model%updated)
+    model%integrator = scene%integrator
+    call register_particle_fields(model%particles, model%p, model%coupled, affine, model%updated, &
+                                  model%integrator == 'quasi_static')
     call register_surface_fields(model%surface, model%s, model%updated)
     call model%materials%init(scene%material, err)
     call add_timers(model)
@@ -64,6 +66,8 @@ contains
     model%phase%to_particles = model%timers%add('grid to particles')
     model%phase%stress = model%timers%add('stress')
     model%phase%water = model%timers%add('water')
+    model%phase%assembly = model%timers%add('assembly')
+    model%phase%solver = model%timers%add('linear solver')
     model%phase%output = model%timers%add('output')
   end subroutine add_timers
 
@@ -80,6 +84,10 @@ contains
     call seed_boundary_points(model%comm, model%scene, model%surface, model%s, problems)
     if (len(problems) > 0) return
     call apply_initial_state(model%scene, model%particles, model%p)
+    if (model%p%start_pressure > 0) then
+      model%particles%field(model%p%start_pressure)%values = &
+        model%particles%field(model%p%pore_pressure)%values
+    end if
     model%particles%field(model%p%mass)%values = model%particles%field(model%p%mass)%values* &
                                                  model%scene%mechanics%density_scaling
     call distribute(model, err)

@@ -9,6 +9,7 @@ module dosui_simulation
   use dosui_model, only: model_t
   use dosui_point_set, only: point_set_t
   use dosui_probes, only: check_probes
+  use dosui_quasi_static, only: quasi_static_t
   use dosui_run_files, only: run_files_t
   use dosui_scene, only: scene_t
   use dosui_setup, only: describe_model, finish_setup, seed_model, setup_model
@@ -23,7 +24,7 @@ module dosui_simulation
 
   integer, parameter, public :: status_finished = 0, status_failed = 1, status_bad_input = 2, &
                                 status_stopped = 3   !! exit statuses
-  integer, parameter :: check_interval = 64          !! steps between looks at signals and NaN
+  integer, parameter :: explicit_check_interval = 64  !! steps between looks at signals and NaN
   integer, parameter :: equilibrium_passes = 20       !! of updated scenes
   real(wp), parameter :: pass_reduction = 1.0e-9_wp   !! of their residual [-]
 
@@ -111,12 +112,20 @@ contains
     integer, intent(out) :: status
     type(error_t), intent(inout) :: err
     real(wp) :: started, last_line, last_checkpoint
-    integer :: first_step
+    integer :: first_step, check_interval
+    type(quasi_static_t) :: quasi_static
     type(error_t) :: write_error
 
     status = status_failed
+    check_interval = merge(explicit_check_interval, 1, model%integrator == 'explicit')
+    if (model%integrator == 'quasi_static') call quasi_static%init(model, err)
+    if (err%failed()) return
     if (from_start) then
-      if (model%scene%time%undrained_start .and. .not. model%rigid) call undrained_start(model, err)
+      if (model%integrator == 'quasi_static') then
+        call quasi_static%settle(model, err)
+      else if (model%scene%time%undrained_start .and. .not. model%rigid) then
+        call undrained_start(model, err)
+      end if
       if (err%failed()) return
       call files%sample(model)
       call files%write_step(model, err)
@@ -127,7 +136,11 @@ contains
     last_checkpoint = started
     first_step = model%clock%step
     do while (.not. model%clock%finished())
-      call step(model, err)
+      if (model%integrator == 'quasi_static') then
+        call quasi_static%step(model, err)
+      else
+        call step(model, err)
+      end if
       if (mod(model%clock%step, check_interval) == 0 .or. model%clock%at_output()) then
         call check_state(model, err)
       end if
@@ -157,7 +170,7 @@ contains
           return
         end if
       end if
-      call checkpoint_if_due(model, files, last_checkpoint, err)
+      call checkpoint_if_due(model, files, check_interval, last_checkpoint, err)
       if (err%failed()) return
     end do
     call files%write_step(model, err)   ! where maximum_steps ends a run; else it is there already
@@ -358,11 +371,12 @@ contains
     end do
   end subroutine move_by
 
-  subroutine checkpoint_if_due(model, files, last, err)
+  subroutine checkpoint_if_due(model, files, check_interval, last, err)
     !! Writes a checkpoint every so many steps or minutes. Collective.
     type(model_t), intent(inout) :: model
     type(run_files_t), intent(inout) :: files
-    real(wp), intent(inout) :: last   !! wall clock of the last one [s]
+    integer, intent(in) :: check_interval   !! steps between looks at the wall clock
+    real(wp), intent(inout) :: last         !! wall clock of the last one [s]
     type(error_t), intent(inout) :: err
     logical :: due
 

@@ -15,7 +15,7 @@ module dosui_model
   use dosui_particle_fields, only: particle_handles_t, surface_handles_t
   use dosui_partition, only: partition_statistics_t
   use dosui_point_set, only: point_set_t
-  use dosui_scene, only: scene_t
+  use dosui_scene, only: name_length, scene_t
   use dosui_storage, only: storage_t
   use dosui_surface_forces, only: surface_forces_t
   use dosui_time_control, only: time_control_t
@@ -27,7 +27,7 @@ module dosui_model
   type, public :: phase_timers_t
     !! Handles of the timers of a run's phases.
     integer :: rebuild = 0, to_grid = 0, nodes = 0, to_particles = 0, stress = 0, water = 0
-    integer :: halo = 0, output = 0
+    integer :: halo = 0, output = 0, assembly = 0, solver = 0
   end type phase_timers_t
 
   type, public :: balance_t
@@ -45,6 +45,7 @@ module dosui_model
     type(phase_timers_t) :: phase
     type(time_control_t) :: clock
     logical :: coupled = .false.     !! water is computed
+    character(len=name_length) :: integrator = 'explicit'
     logical :: rigid = .false.       !! skeleton does not move: mechanics is skipped
     logical :: updated = .false.     !! particles move, geometry follows
     integer :: inverted = 0          !! a particle that lost all its volume; 0: none
@@ -102,6 +103,8 @@ module dosui_model
     real(wp) :: damping_start = 0.0_wp        !! of fading damping [1/s]
     integer :: damping_kind = 0
     type(balance_t) :: balance
+    real(wp) :: next_dt = 0.0_wp              !! what an adaptive integrator would take next [s]
+    real(wp) :: pressure_scale = 0.0_wp       !! largest mean excess pressure so far [Pa]
     type(partition_statistics_t) :: partition
     integer(i8), allocatable :: brick_key(:)  !! sorted bricks of cells ...
     integer, allocatable :: brick_rank(:)     !! ... and their owners

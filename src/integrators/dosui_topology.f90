@@ -105,6 +105,7 @@ contains
     per_brick = real(total, wp)/real(bricks_per_rank*model%comm%size, wp)
     ! whole blocks of 2 cells, so that no block is shared, unless there are too few of them
     model%brick_edge = max(1, int((per_brick/per_cell)**(1.0_wp/ndim)))
+    if (model%integrator == 'quasi_static') model%brick_edge = max(2, model%brick_edge)
     if (model%brick_edge > 1) model%brick_edge = model%brick_edge - mod(model%brick_edge, 2)
     key = brick_keys(model, model%particles%count, &
                      model%particles%field(build_handle(model))%values)

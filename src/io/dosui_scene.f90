@@ -138,8 +138,15 @@ module dosui_scene
     real(wp) :: time_step = 0.0_wp                   !! fixed dt [s]; 0: chosen from the limits
     real(wp) :: largest_step = huge(1.0_wp)          !! [s]
     integer :: maximum_steps = huge(1)
+    real(wp) :: relative_tolerance = 1.0e-4_wp       !! of a quasi-static step's pressures [-]
     logical :: undrained_start = .false.   !! settle undrained under the first loads before t = 0
   end type time_t
+
+  type, public :: solver_t
+    !! Linear solutions of implicit integrators.
+    character(len=name_length) :: linear = 'auto'    !! 'direct', 'iterative' or 'auto'
+    real(wp) :: tolerance = 1.0e-8_wp                !! residual over right-hand side [-]
+  end type solver_t
 
   type, public :: output_t
     character(len=:), allocatable :: name
@@ -169,6 +176,7 @@ module dosui_scene
     character(len=:), allocatable :: title
     character(len=name_length) :: water_mode = 'saturated'       !! 'none' or 'saturated'
     character(len=name_length) :: integrator = 'explicit'
+    !! 'explicit', 'semi_implicit', 'quasi_static' or 'auto'
     character(len=name_length) :: deformation = 'small_strain'   !! 'small_strain' or 'updated'
     character(len=name_length) :: leaving_particles = 'stop'     !! 'stop' or 'remove'
     real(wp) :: gravity(ndim) = 0.0_wp               !! [m/s2]
@@ -180,6 +188,7 @@ module dosui_scene
     type(time_t) :: time
     type(mechanics_t) :: mechanics
     type(water_t) :: water
+    type(solver_t) :: solver
     type(output_t) :: output
     type(verification_t) :: verification
     type(region_t), allocatable :: region(:)

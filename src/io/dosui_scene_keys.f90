@@ -8,7 +8,7 @@ module dosui_scene_keys
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim
   use dosui_scene, only: scene_t, region_t, material_t, water_t, mechanics_t, initial_state_t, &
-                         surface_t, mechanical_condition_t, hydraulic_condition_t, probe_t, &
+                         surface_t, mechanical_condition_t, hydraulic_condition_t, probe_t, solver_t, &
                          time_t, output_t, verification_t, table_t, name_length
   use dosui_text, only: to_text
   implicit none
@@ -144,7 +144,7 @@ contains
     !! All groups in the order in which a scene is best written.
     type(group_t), allocatable :: groups(:)
 
-    allocate (groups(14))
+    allocate (groups(15))
     groups(1) = group_t('scene', 'What is computed, and how.', .true., .false.)
     groups(2) = group_t('grid', 'The background grid and the domain. Memory and time follow '// &
                         'the particles: a large domain costs nothing.', .true., .false.)
@@ -167,8 +167,9 @@ contains
                          'without one let no water through.', .false., .true.)
     groups(12) = group_t('probe', 'A value whose history is written to the result file.', &
                          .false., .true.)
-    groups(13) = group_t('output', 'Names and intervals of the files.', .false., .false.)
-    groups(14) = group_t('verification', 'The exact solution that `dosui-post verify` compares '// &
+    groups(13) = group_t('solver', 'Linear systems of the implicit integrators.', .false., .false.)
+    groups(14) = group_t('output', 'Names and intervals of the files.', .false., .false.)
+    groups(15) = group_t('verification', 'The exact solution that `dosui-post verify` compares '// &
                          'with.', .false., .false.)
   end function scene_groups
 
@@ -261,6 +262,8 @@ contains
       call visit_hydraulic_condition(visitor, scene%hydraulic_condition(instance))
     case ('probe')
       call visit_probe(visitor, scene%probe(instance))
+    case ('solver')
+      call visit_solver(visitor, scene%solver)
     case ('output')
       call visit_output(visitor, scene%output)
     case ('verification')
@@ -286,7 +289,9 @@ contains
     call v%name(scene%water_mode, &
                 key('water', 'pore water: none (dry soil) or saturated', choices='none saturated'))
     call v%name(scene%integrator, &
-                key('integrator', 'how time is stepped', choices='explicit'))
+                key('integrator', 'how time is stepped: explicit (all waves resolved), '// &
+                    'quasi_static (no inertia, implicit, steps by accuracy) or the one that '// &
+                    'suits the scene', choices='explicit quasi_static auto'))
     call v%name(scene%deformation, &
                 key('deformation', 'small_strain: the geometry stays as it is; updated: '// &
                     'particles move through the grid', choices='small_strain updated'))
@@ -342,6 +347,9 @@ contains
     call v%integer(time%maximum_steps, &
                    key('maximum_steps', 'the run ends after so many steps', range='>= 1', &
                        fallback=or_unlimited))
+    call v%real(time%relative_tolerance, &
+                key('relative_tolerance', 'quasi_static: error of the pressures that a step '// &
+                    'may make, relative to their size', unit='-', range='> 0 and <= 0.1'))
   end subroutine visit_time
 
   subroutine visit_material(v, material, is_dry)
@@ -642,6 +650,19 @@ contains
                       applies=probe%kind == 'point', required=.true., &
                       undecided=probe%kind == ''))
   end subroutine visit_probe
+
+  subroutine visit_solver(v, solver)
+    !! Keys of &solver.
+    class(key_visitor_t), intent(inout) :: v
+    type(solver_t), intent(inout) :: solver
+
+    call v%name(solver%linear, &
+                key('linear', 'direct: factorised on every rank; iterative: Krylov method with '// &
+                    'multigrid; auto: direct for small systems', choices='auto direct iterative'))
+    call v%real(solver%tolerance, &
+                key('tolerance', 'of an iterative solution: residual over right-hand side', &
+                    unit='-', range='> 0 and <= 1e-2'))
+  end subroutine visit_solver
 
   subroutine visit_output(v, output)
     !! Keys of &output.

@@ -13,6 +13,7 @@ module dosui_linear_elastic
   contains
     procedure :: init => linear_elastic_init
     procedure :: update_stress => linear_elastic_update_stress
+    procedure :: tangent => linear_elastic_tangent
     procedure :: constrained_modulus => linear_elastic_constrained_modulus
     procedure :: shear_modulus => linear_elastic_shear_modulus
     procedure :: bulk_modulus => linear_elastic_bulk_modulus
@@ -60,6 +61,25 @@ contains
       stress(4:, p) = stress(4:, p) + shear*strain_increment(4:, p)
     end do
   end subroutine add_elastic_stress
+
+  subroutine linear_elastic_tangent(self, stress, state, tangent)
+    !! The elastic matrix, the same at every stress.
+    class(linear_elastic_t), intent(in) :: self
+    real(wp), intent(in) :: stress(nsig)
+    real(wp), intent(in) :: state(:)
+    real(wp), intent(out) :: tangent(nsig, nsig)
+    integer :: s
+
+    tangent = 0.0_wp
+    if (size(stress) + size(state) < nsig) return   ! it depends on neither
+    tangent(1:3, 1:3) = self%lambda
+    do s = 1, 3
+      tangent(s, s) = self%lambda + 2.0_wp*self%shear
+    end do
+    do s = 4, nsig
+      tangent(s, s) = self%shear
+    end do
+  end subroutine linear_elastic_tangent
 
   pure real(wp) function linear_elastic_constrained_modulus(self) result(modulus)
     !! M = K + 4 G/3 [Pa].

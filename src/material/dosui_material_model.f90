@@ -12,6 +12,7 @@ module dosui_material_model
     character(len=32), allocatable :: state_names(:)   !! set by models that have state variables
   contains
     procedure(update_stress_interface), deferred :: update_stress
+    procedure(tangent_interface), deferred :: tangent
     procedure(modulus_interface), deferred :: constrained_modulus
     procedure(modulus_interface), deferred :: shear_modulus
     procedure(modulus_interface), deferred :: bulk_modulus
@@ -31,6 +32,16 @@ module dosui_material_model
       real(wp), intent(inout) :: state(:, :)                !! (n_state, n) of the model
       type(error_t), intent(inout) :: err
     end subroutine update_stress_interface
+
+    subroutine tangent_interface(self, stress, state, tangent)
+      !! Derivative of the stress with respect to the strain at one point.
+      import :: material_model_t, wp, nsig
+      implicit none
+      class(material_model_t), intent(in) :: self
+      real(wp), intent(in) :: stress(nsig)             !! effective, tension positive [Pa]
+      real(wp), intent(in) :: state(:)                 !! of the model, more may follow
+      real(wp), intent(out) :: tangent(nsig, nsig)     !! for 2 x shear strains [Pa]
+    end subroutine tangent_interface
 
     pure real(wp) function modulus_interface(self) result(modulus)
       !! A modulus of the drained skeleton, the largest the model can have [Pa].

@@ -42,6 +42,7 @@ module dosui_cell_quadrature
     procedure :: init_from_shapes => cell_quadrature_init_from_shapes
     procedure :: init_from_particles => cell_quadrature_init_from_particles
     procedure :: weigh => cell_quadrature_weigh
+    procedure :: strain_operator => cell_quadrature_strain_operator
     procedure :: strains => cell_quadrature_strains
     procedure :: forces => cell_quadrature_forces
   end type cell_quadrature_t
@@ -232,6 +233,31 @@ contains
       weight(p) = volume(p)*(self%measure(cell(p))/sums(cell(p)))
     end do
   end subroutine cell_quadrature_weigh
+
+  pure subroutine cell_quadrature_strain_operator(self, grid, cell, operator)
+    !! C of one cell: its mean strain is the product with its corners' displacements.
+    class(cell_quadrature_t), intent(in) :: self
+    type(grid_t), intent(in) :: grid
+    integer, intent(in) :: cell
+    real(wp), intent(out) :: operator(nsig, ndim*2**ndim)   !! corner by corner, 2 x shear [1/m]
+    real(wp) :: centre(ndim, 2**ndim)
+    integer :: a, b, k, column
+
+    if (self%fitted) then
+      call hat_gradients(spread(0.5_wp, 1, ndim), 0.0_wp, grid%spacing, centre)
+    else
+      centre = self%gradient(:, :, cell)
+    end if
+    operator = 0.0_wp
+    do k = 1, 2**ndim
+      do a = 1, ndim
+        column = ndim*(k - 1) + a
+        do b = 1, ndim
+          operator(voigt_slot(a, b), column) = operator(voigt_slot(a, b), column) + centre(b, k)
+        end do
+      end do
+    end do
+  end subroutine cell_quadrature_strain_operator
 
   pure subroutine cell_quadrature_strains(self, grid, dt, velocity, strain)
     !! Kernel: dt sym(C v) of every cell.

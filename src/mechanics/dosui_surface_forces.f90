@@ -10,7 +10,7 @@
 !! Its displacement error is stress / kappa, first order in h.
 module dosui_surface_forces
   use dosui_kinds, only: wp
-  use dosui_dimension, only: ndim, axis, voigt_slot
+  use dosui_dimension, only: ndim, nsig, axis, voigt_slot
   use dosui_communicator, only: communicator_t
   use dosui_grid, only: grid_t
   use dosui_scene, only: mechanical_condition_t
@@ -41,6 +41,8 @@ module dosui_surface_forces
     procedure :: has_lifts => surface_forces_has_lifts
     procedure :: lift => surface_forces_lift
     procedure :: react => surface_forces_react
+    procedure :: lift_operators => surface_forces_lift_operators
+    procedure :: spring => surface_forces_spring
   end type surface_forces_t
 
 contains
@@ -379,6 +381,83 @@ contains
       end do
     end do
   end subroutine surface_forces_lift
+
+  pure subroutine surface_forces_lift_operators(self, conditions, area, normal, lift)
+    !! The matrices of `lift`: adds what they make of the displacements of a cell's corners, corner
+    !! by corner, to be divided by the cell's measure [m2].
+    class(surface_forces_t), intent(in) :: self
+    type(mechanical_condition_t), intent(in) :: conditions(:)
+    real(wp), intent(in) :: area(self%n_point)             !! [m2]
+    real(wp), intent(in) :: normal(ndim, self%n_point)     !! outward [-]
+    real(wp), intent(inout) :: lift(:, :)                  !! (nsig*ndim*2**ndim, n_cell)
+    real(wp) :: slip(ndim)
+    integer :: e, p, c, a, b, d, i, k, cell, place
+
+    do e = 1, size(self%entry_point)
+      p = self%entry_point(e)
+      c = self%entry_condition(e)
+      if (.not. is_lifted(conditions(c)%kind)) cycle
+      do k = 1, self%n_part
+        cell = self%cell(k, p)
+        if (cell == 0) cycle
+        do i = 1, 2**ndim
+          do d = 1, ndim
+            slip = 0.0_wp
+            slip(d) = self%weight(i, k, p)
+            if (conditions(c)%kind == 'roller' .or. conditions(c)%kind == 'normal_velocity') then
+              slip = slip(d)*normal(d, p)*normal(:, p)
+            end if
+            do b = 1, ndim
+              do a = 1, ndim
+                place = nsig*(ndim*(i - 1) + d - 1) + voigt_slot(a, b)
+                lift(place, cell) = lift(place, cell) - area(p)*slip(a)*normal(b, p)
+              end do
+            end do
+          end do
+        end do
+      end do
+    end do
+  end subroutine surface_forces_lift_operators
+
+  subroutine surface_forces_spring(self, entry, conditions, area, normal, node, weight, spring)
+    !! The spring of one entry: force on node i per displacement of node j is
+    !! - weight(i)*weight(j)*spring. No nodes for entries that are loads.
+    class(surface_forces_t), intent(in) :: self
+    integer, intent(in) :: entry
+    type(mechanical_condition_t), intent(in) :: conditions(:)
+    real(wp), intent(in) :: area(self%n_point)              !! [m2]
+    real(wp), intent(in) :: normal(ndim, self%n_point)      !! outward [-]
+    integer, allocatable, intent(out) :: node(:)
+    real(wp), allocatable, intent(out) :: weight(:)         !! [-]
+    real(wp), intent(out) :: spring(ndim, ndim)             !! [N/m]
+    integer :: p, a, i, k, place
+    character(len=:), allocatable :: kind
+
+    allocate (node(0), weight(0))
+    spring = 0.0_wp
+    p = self%entry_point(entry)
+    kind = trim(conditions(self%entry_condition(entry))%kind)
+    if (kind == 'traction' .or. kind == 'pressure') return
+    do k = 1, self%n_part
+      do i = 1, 2**ndim
+        if (self%node(i, k, p) == 0) cycle
+        place = findloc(node, self%node(i, k, p), dim=1)
+        if (place == 0) then
+          node = [node, self%node(i, k, p)]
+          weight = [weight, 0.0_wp]
+          place = size(node)
+        end if
+        weight(place) = weight(place) + self%weight(i, k, p)
+      end do
+    end do
+    do a = 1, ndim
+      if (kind == 'fixed' .or. kind == 'velocity') then
+        spring(a, a) = self%stiffness*area(p)
+      else
+        spring(:, a) = self%stiffness*area(p)*normal(:, p)*normal(a, p)
+      end if
+    end do
+  end subroutine surface_forces_spring
 
   pure function wall_velocity(condition, time, normal) result(velocity)
     !! Prescribed velocity of a wall [m/s].

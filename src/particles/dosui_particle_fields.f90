@@ -21,6 +21,7 @@ module dosui_particle_fields
     integer :: affine = 0             !! APIC velocity gradient [1/s]
     integer :: pore_pressure = 0      !! compression positive [Pa]
     integer :: conductivity = 0       !! k [m/s]
+    integer :: start_pressure = 0     !! pore pressure before any load, adaptive steps only [Pa]
   end type particle_handles_t
 
   type, public :: surface_handles_t
@@ -37,13 +38,14 @@ module dosui_particle_fields
 
 contains
 
-  subroutine register_particle_fields(set, handles, coupled, affine, updated)
+  subroutine register_particle_fields(set, handles, coupled, affine, updated, adaptive)
     !! Registers what a scene needs; dry scenes hold no water.
     type(point_set_t), intent(inout) :: set
     type(particle_handles_t), intent(out) :: handles
     logical, intent(in) :: coupled   !! water is computed
     logical, intent(in) :: affine    !! APIC transfer
     logical, intent(in) :: updated   !! particles move
+    logical, intent(in) :: adaptive  !! steps are chosen by their error
     logical, parameter :: yes = .true., no = .false.
 
     ! name, unit, width, migrates, halo, output, checkpoint
@@ -61,6 +63,7 @@ contains
     if (.not. coupled) return
     handles%pore_pressure = set%add('pore_pressure', 'Pa', 1, yes, no, yes, yes)
     handles%conductivity = set%add('conductivity', 'm/s', 1, yes, yes, no, yes)
+    if (adaptive) handles%start_pressure = set%add('start_pressure', 'Pa', 1, yes, no, no, yes)
   end subroutine register_particle_fields
 
   subroutine register_surface_fields(set, handles, updated)

@@ -1,0 +1,495 @@
+!! The equations of an implicit step: stiffness, coupling, storage and flow as one block system.
+!!
+!!     [ K      -Q       ] [du]   [f]        f: forces at the new time on the old state
+!!     [ V P D  S - a VL ] [dp] = [r]        a: weight of the flow at the new time
+!!
+!! K, Q and VPD come from the explicit step's own strain operators, S is its storage, and L its head
+!! operator over gamma_w. Unknowns are scaled by the grid spacing and the skeleton's modulus, so
+!! that all blocks are of order one.
+module dosui_implicit_system
+  use dosui_kinds, only: wp
+  use dosui_dimension, only: ndim, nsig
+  use dosui_block_system, only: block_p, block_system_t, block_u
+  use dosui_entries, only: entries_t
+  use dosui_error, only: error_t
+  use dosui_model, only: model_t
+  use dosui_stiffness, only: cell_lists, cell_operators_t, cell_strain_operators
+  use dosui_text, only: to_text
+  use dosui_unknowns, only: unknowns_t
+  implicit none
+  private
+
+  integer, parameter :: direct_limit(3) = [500000, 60000, 9000]   !! unknowns in 1-D, 2-D, 3-D
+  real(wp), parameter :: empty_node = 1.0e-12_wp   !! stiffness of a node over the modulus [-]
+
+  type, public :: implicit_system_t
+    type(unknowns_t) :: unknowns
+    type(block_system_t) :: system
+    real(wp) :: length = 1.0_wp      !! unit of displacements [m]
+    real(wp) :: pressure = 1.0_wp    !! unit of pressures [Pa]
+    real(wp) :: force = 1.0_wp       !! unit of nodal forces [N]
+    real(wp) :: volume = 1.0_wp      !! unit of water volumes [m3]
+    real(wp) :: tolerance = 1.0e-8_wp   !! of linear solutions [-]
+    real(wp), allocatable, private :: storage(:)   !! entries of S
+    real(wp), allocatable, private :: flow(:)      !! entries of -VL, after those of S
+    real(wp), allocatable, private :: coupling(:)  !! Schur complement beyond C, like storage
+    real(wp), private :: flow_weight = -1.0_wp     !! a of the present entries [s]
+    type(entries_t), private :: held               !! K, free rows and held columns, local places
+    type(entries_t), private :: held_water         !! VPD, likewise
+  contains
+    procedure :: build => implicit_build
+    procedure :: solve => implicit_solve
+    procedure, private :: build_skeleton
+    procedure, private :: build_water
+    procedure, private :: set_flow
+    procedure, private :: subtract_held
+  end type implicit_system_t
+
+contains
+
+  subroutine implicit_build(self, model, err)
+    !! Assembles everything for the geometry at hand. Collective.
+    class(implicit_system_t), intent(inout) :: self
+    type(model_t), intent(inout) :: model
+    type(error_t), intent(inout) :: err
+    type(entries_t) :: skeleton, pressure_force, volume_change
+    logical, allocatable :: is_empty(:, :)
+    real(wp) :: h
+    integer :: n_unknown, n_u
+    logical :: is_direct
+
+    h = model%scene%grid_spacing
+    self%length = h
+    self%pressure = model%skeleton_modulus
+    if (model%rigid) self%pressure = model%scene%water%unit_weight*h
+    self%force = self%pressure*h**(ndim - 1)
+    self%volume = h**ndim
+    self%tolerance = model%scene%solver%tolerance
+    self%flow_weight = -1.0_wp
+    if (.not. model%rigid) then
+      allocate (is_empty(ndim, model%grid%n_node))
+      call find_empty(model, is_empty)
+    end if
+    call self%unknowns%build(model, is_empty)
+    n_u = self%unknowns%n_u
+    n_unknown = model%comm%sum(n_u) + model%comm%sum(self%unknowns%n_p)
+    is_direct = n_unknown <= direct_limit(ndim)
+    if (model%scene%solver%linear /= 'auto') is_direct = model%scene%solver%linear == 'direct'
+    call self%system%init(model%comm, n_u, self%unknowns%n_p, is_direct, err)
+    if (err%failed()) return
+    if (.not. model%rigid) then
+      call self%build_skeleton(model, skeleton, pressure_force, volume_change)
+      call self%system%set_pattern(block_u, block_u, skeleton%row, skeleton%column, err)
+      if (.not. err%failed()) call self%system%set_values(block_u, block_u, skeleton%value, err)
+      if (.not. err%failed()) call set_coordinates(self, model, err)
+      if (model%coupled .and. .not. err%failed()) then
+        call self%system%set_pattern(block_u, block_p, pressure_force%row, pressure_force%column, &
+                                     err)
+        call self%system%set_values(block_u, block_p, pressure_force%value, err)
+        call self%system%set_pattern(block_p, block_u, volume_change%row, volume_change%column, err)
+        call self%system%set_values(block_p, block_u, volume_change%value, err)
+      end if
+    end if
+    if (model%coupled .and. .not. err%failed()) call self%build_water(model, err)
+    call model%comm%agree(err)
+  end subroutine implicit_build
+
+  subroutine find_empty(model, is_empty)
+    !! Nodes that no particle strains: all weights of cells and particles there are zero.
+    type(model_t), intent(inout) :: model
+    logical, intent(out) :: is_empty(:, :)
+    real(wp), allocatable :: touch(:, :)
+    type(cell_operators_t) :: operators
+    integer, allocatable :: start(:), particle(:)
+    real(wp), allocatable :: centre(:, :, :)
+    integer :: c, p, i, k
+
+    allocate (touch(ndim, model%grid%n_node), source=0.0_wp)
+    call cell_lists(model%particles%count, model%cell, model%grid%n_cell, start, particle)
+    call centre_operators(model, centre)
+    do c = 1, model%grid%n_cell
+      if (start(c + 1) == start(c)) cycle
+      call operators_of_cell(model, c, particle(start(c):start(c + 1) - 1), centre, operators)
+      do p = 1, size(operators%strain, 3)
+        do i = 1, operators%n_node
+          do k = 1, ndim
+            touch(k, operators%node(i)) = &
+              touch(k, operators%node(i)) + model%weight(particle(start(c) + p - 1))* &
+              sum(operators%strain(:, ndim*(i - 1) + k, p)**2)
+          end do
+        end do
+      end do
+    end do
+    call model%grid%node_map%scatter_add(model%comm, ndim, touch)
+    call model%grid%node_map%gather(model%comm, ndim, touch)
+    is_empty = .not. touch > empty_node*model%grid%spacing**(ndim - 2)
+  end subroutine find_empty
+
+  subroutine centre_operators(model, centre)
+    !! Strain operators of the cells' means, with the lifts of penalty walls. Collective.
+    type(model_t), intent(inout) :: model
+    real(wp), allocatable, intent(out) :: centre(:, :, :)   !! (nsig, ndim*2**ndim, n_cell) [1/m]
+    real(wp), allocatable :: lift(:, :)
+    integer :: c, width
+
+    if (.not. model%centred) return
+    width = nsig*ndim*2**ndim
+    allocate (centre(nsig, ndim*2**ndim, model%grid%n_cell))
+    do c = 1, model%grid%n_cell
+      call model%quadrature%strain_operator(model%grid, c, centre(:, :, c))
+    end do
+    if (.not. model%lifted) return
+    allocate (lift(width, model%grid%n_cell), source=0.0_wp)
+    associate (field => model%surface%field, h => model%s, m => model%surface%count)
+      call model%surface_forces%lift_operators(model%scene%mechanical_condition, &
+                                               field(h%area)%values(1, 1:m), &
+                                               field(h%normal)%values(:, 1:m), lift)
+    end associate
+    call model%grid%cell_map%scatter_add(model%comm, width, lift)
+    call model%grid%cell_map%gather(model%comm, width, lift)
+    do c = 1, model%grid%n_cell
+      if (.not. model%quadrature%measure(c) > 0.0_wp) cycle
+      centre(:, :, c) = centre(:, :, c) + reshape(lift(:, c), [nsig, ndim*2**ndim])/ &
+                        model%quadrature%measure(c)
+    end do
+  end subroutine centre_operators
+
+  subroutine operators_of_cell(model, cell, particle, centre, operators)
+    !! Strain operators of a cell's particles.
+    type(model_t), intent(in) :: model
+    integer, intent(in) :: cell, particle(:)
+    real(wp), allocatable, intent(in) :: centre(:, :, :)
+    type(cell_operators_t), intent(inout) :: operators
+    integer :: handle
+
+    handle = merge(model%p%position_at_build, model%p%position, model%p%position_at_build > 0)
+    if (allocated(centre)) then
+      call cell_strain_operators(model%grid, cell, model%patch(particle), &
+                                 model%particles%field(handle)%values(:, particle), &
+                                 model%weight(particle), model%averaged, centre(:, :, cell), &
+                                 operators)
+    else
+      call cell_strain_operators(model%grid, cell, model%patch(particle), &
+                                 model%particles%field(handle)%values(:, particle), &
+                                 model%weight(particle), model%averaged, operators=operators)
+    end if
+  end subroutine operators_of_cell
+
+  subroutine build_skeleton(self, model, skeleton, pressure_force, volume_change)
+    !! Entries of K, -Q and VPD, cell by cell, and of penalty walls.
+    class(implicit_system_t), intent(inout) :: self
+    type(model_t), intent(inout) :: model
+    type(entries_t), intent(inout) :: skeleton, pressure_force, volume_change
+    type(cell_operators_t) :: operators
+    integer, allocatable :: start(:), particle(:), row(:)
+    real(wp), allocatable :: centre(:, :, :), matrix(:, :), sign(:), divergence(:)
+    real(wp) :: tangent(nsig, nsig)
+    integer :: c, p, i, j, a, column, node, k
+    logical :: keeps_held
+
+    keeps_held = any(model%scene%mechanical_condition%kind == 'velocity' .or. &
+                     model%scene%mechanical_condition%kind == 'normal_velocity')
+    call cell_lists(model%particles%count, model%cell, model%grid%n_cell, start, particle)
+    call centre_operators(model, centre)
+    do c = 1, model%grid%n_cell
+      if (start(c + 1) == start(c)) cycle
+      call operators_of_cell(model, c, particle(start(c):start(c + 1) - 1), centre, operators)
+      allocate (row(ndim*operators%n_node), sign(ndim*operators%n_node))
+      do i = 1, operators%n_node
+        node = operators%node(i)
+        row(ndim*(i - 1) + 1:ndim*i) = self%unknowns%row(:, node)
+        sign(ndim*(i - 1) + 1:ndim*i) = self%unknowns%sign(:, node)
+      end do
+      allocate (matrix(ndim*operators%n_node, ndim*operators%n_node), source=0.0_wp)
+      do p = 1, size(operators%strain, 3)
+        k = particle(start(c) + p - 1)
+        call model%materials%item(model%material(k))%model%tangent( &
+          model%particles%field(model%p%effective_stress)%values(:, k), model%state(:, k), tangent)
+        matrix = matrix + model%weight(k)* &
+                 matmul(transpose(operators%strain(:, :, p)), &
+                        matmul(tangent, operators%strain(:, :, p)))
+      end do
+      do j = 1, size(row)
+        do i = 1, size(row)
+          call skeleton%add(row(i), row(j), sign(i)*sign(j)*matrix(i, j)*self%length/self%force)
+        end do
+      end do
+      if (keeps_held) call keep_held(self, operators, matrix)
+      if (model%coupled) then
+        do p = 1, size(operators%strain, 3)
+          k = particle(start(c) + p - 1)
+          divergence = model%weight(k)*operators%volume(:, p)*self%length/self%volume
+          do i = 1, size(row)
+            if (.not. abs(divergence(i)) > 0.0_wp) cycle
+            call volume_change%add(self%unknowns%particle_row(k), row(i), sign(i)*divergence(i))
+            call pressure_force%add(row(i), self%unknowns%particle_row(k), -sign(i)*divergence(i))
+            if (keeps_held) call self%held_water%add(k, place_of(operators, i), &
+                                                     divergence(i)/self%length)
+          end do
+        end do
+      end if
+      deallocate (row, sign, matrix)
+    end do
+    do i = 1, size(self%unknowns%own_node)
+      node = self%unknowns%own_node(i)
+      do a = 1, ndim
+        column = self%unknowns%own_row(a, node)
+        if (self%unknowns%row(a, node) /= column) call skeleton%add(column, column, 1.0_wp)
+      end do
+    end do
+    call add_walls(self, model, skeleton)
+    call skeleton%finish()
+    call pressure_force%finish()
+    call volume_change%finish()
+    call self%held%finish()
+    call self%held_water%finish()
+  end subroutine build_skeleton
+
+  pure integer function place_of(operators, column) result(place)
+    !! Place of a cell's column among the components of all nodes, from 1.
+    type(cell_operators_t), intent(in) :: operators
+    integer, intent(in) :: column
+
+    place = ndim*(operators%node((column - 1)/ndim + 1) - 1) + mod(column - 1, ndim) + 1
+  end function place_of
+
+  subroutine keep_held(self, operators, matrix)
+    !! Keeps the columns of held components, for prescribed motion.
+    class(implicit_system_t), intent(inout) :: self
+    type(cell_operators_t), intent(in) :: operators
+    real(wp), intent(in) :: matrix(:, :)
+    integer :: i, j, place
+
+    do j = 1, size(matrix, 2)
+      place = place_of(operators, j)
+      if (.not. self%unknowns%is_held(mod(place - 1, ndim) + 1, (place - 1)/ndim + 1)) cycle
+      do i = 1, size(matrix, 1)
+        call self%held%add(place_of(operators, i), place, matrix(i, j))
+      end do
+    end do
+  end subroutine keep_held
+
+  subroutine add_walls(self, model, skeleton)
+    !! Springs of penalty walls.
+    class(implicit_system_t), intent(in) :: self
+    type(model_t), intent(in) :: model
+    type(entries_t), intent(inout) :: skeleton
+    integer, allocatable :: node(:)
+    real(wp), allocatable :: weight(:)
+    real(wp) :: spring(ndim, ndim)
+    integer :: e, i, j, a, b
+
+    associate (field => model%surface%field, h => model%s, m => model%surface%count, &
+               row => self%unknowns%row, sign => self%unknowns%sign)
+      do e = 1, size(model%surface_forces%entry_point)
+        call model%surface_forces%spring(e, model%scene%mechanical_condition, &
+                                         field(h%area)%values(1, 1:m), &
+                                         field(h%normal)%values(:, 1:m), node, weight, spring)
+        do j = 1, size(node)
+          do i = 1, size(node)
+            do b = 1, ndim
+              do a = 1, ndim
+                call skeleton%add(row(a, node(i)), row(b, node(j)), &
+                                  sign(a, node(i))*sign(b, node(j))*weight(i)*weight(j)* &
+                                  spring(a, b)*self%length/self%force)
+              end do
+            end do
+          end do
+        end do
+      end do
+    end associate
+  end subroutine add_walls
+
+  subroutine set_coordinates(self, model, err)
+    !! Positions of the owned nodes for the rigid-body modes.
+    class(implicit_system_t), intent(inout) :: self
+    type(model_t), intent(in) :: model
+    type(error_t), intent(inout) :: err
+    real(wp) :: coordinates(self%unknowns%n_u)
+    integer :: k
+
+    do k = 1, size(self%unknowns%own_node)
+      coordinates(ndim*(k - 1) + 1:ndim*k) = &
+        real(model%grid%node_index(:, self%unknowns%own_node(k)), wp)
+    end do
+    call self%system%set_coordinates(ndim, coordinates, err)
+  end subroutine set_coordinates
+
+  subroutine build_water(self, model, err)
+    !! Entries of S and of -VL, and what the skeleton adds to the Schur complement.
+    class(implicit_system_t), intent(inout) :: self
+    type(model_t), intent(inout) :: model
+    type(error_t), intent(inout) :: err
+    type(entries_t) :: storage, coupling
+    real(wp) :: weight, diagonal
+    integer :: n_storage, i, k
+
+    call add_storage(self, model, storage, coupling)
+    n_storage = storage%n
+    call coupling%finish()
+    self%coupling = coupling%value*(self%pressure/self%volume)
+    associate (operator => model%head_operator, row => self%unknowns%particle_row)
+      do i = 1, operator%n_row
+        weight = model%weight(i)/model%scene%water%unit_weight
+        diagonal = 0.0_wp
+        do k = operator%row_start(i), operator%row_start(i + 1) - 1
+          diagonal = diagonal + operator%coefficient(k)
+          call storage%add(row(i), row(operator%column(k)), -weight*operator%coefficient(k))
+        end do
+        do k = operator%boundary_start(i), operator%boundary_start(i + 1) - 1
+          if (operator%boundary_is_head(k)) diagonal = diagonal + operator%boundary_weight(k)
+        end do
+        call storage%add(row(i), row(i), weight*diagonal)
+      end do
+    end associate
+    call storage%finish()
+    self%storage = storage%value(1:n_storage)*(self%pressure/self%volume)
+    self%flow = storage%value(n_storage + 1:)*(self%pressure/self%volume)
+    call self%system%set_pattern(block_p, block_p, storage%row, storage%column, err)
+  end subroutine build_water
+
+  subroutine add_storage(self, model, storage, coupling)
+    !! Entries of S, block by block: the inverse of `storage_t%pressure_rate`. `coupling` has the
+    !! same places: 1/(2-D: lambda + G, the stiffness against a change of volume) times P.
+    class(implicit_system_t), intent(in) :: self
+    type(model_t), intent(in) :: model
+    type(entries_t), intent(inout) :: storage, coupling
+    integer, allocatable :: start(:), particle(:), block_of(:)
+    real(wp), allocatable :: cell_weight(:), block_weight(:)
+    real(wp) :: value, stiff, softness
+    integer :: n, b, c, i, j, p, q
+
+    n = model%particles%count
+    associate (row => self%unknowns%particle_row, w => model%weight)
+      if (.not. model%storage%projected) then
+        do p = 1, n
+          call storage%add(row(p), row(p), w(p)*model%storage%compressibility(p))
+          call coupling%add(row(p), row(p), w(p)/volume_modulus(model, p))
+        end do
+        return
+      end if
+      allocate (block_of(n), cell_weight(model%grid%n_cell), block_weight(model%grid%n_block))
+      cell_weight = 0.0_wp
+      block_weight = 0.0_wp
+      do p = 1, n
+        c = model%cell(p)
+        block_of(p) = model%grid%cell_block(c)
+        cell_weight(c) = cell_weight(c) + w(p)
+        block_weight(block_of(p)) = block_weight(block_of(p)) + w(p)
+      end do
+      call cell_lists(n, block_of, model%grid%n_block, start, particle)
+      do b = 1, model%grid%n_block
+        do j = start(b), start(b + 1) - 1
+          q = particle(j)
+          do i = start(b), start(b + 1) - 1
+            p = particle(i)
+            c = model%cell(p)
+            value = w(q)/block_weight(b)*(1.0_wp/model%storage%of_block(b) - &
+                                          1.0_wp/model%storage%in_block(b))
+            softness = 0.0_wp
+            if (model%cell(q) == c) then
+              stiff = 1.0_wp/model%storage%in_cell(c)
+              value = value + w(q)/cell_weight(c)*(1.0_wp/model%storage%in_block(b) - stiff)
+              if (p == q) value = value + stiff
+              softness = w(q)/cell_weight(c)/volume_modulus(model, p)
+            end if
+            call storage%add(row(p), row(q), w(p)*value)
+            call coupling%add(row(p), row(q), w(p)*softness)
+          end do
+        end do
+      end do
+    end associate
+  end subroutine add_storage
+
+  pure real(wp) function volume_modulus(model, p) result(modulus)
+    !! Stiffness of the skeleton against a change of volume in the scene's directions [Pa]: M in
+    !! 1-D, lambda + G in 2-D, K in 3-D.
+    type(model_t), intent(in) :: model
+    integer, intent(in) :: p
+
+    associate (material => model%materials%item(model%material(p))%model)
+      modulus = material%bulk_modulus() + &
+                material%shear_modulus()*(2.0_wp/real(ndim, wp) - 2.0_wp/3.0_wp)
+    end associate
+  end function volume_modulus
+
+  subroutine set_flow(self, weight, err)
+    !! Puts the weight of the flow at the new time into the equations.
+    class(implicit_system_t), intent(inout) :: self
+    real(wp), intent(in) :: weight   !! a [s]
+    type(error_t), intent(inout) :: err
+
+    if (abs(weight - self%flow_weight) <= 1.0e-12_wp*weight .and. self%flow_weight >= 0.0_wp) return
+    call self%system%set_values(block_p, block_p, [self%storage, weight*self%flow], err)
+    if (err%failed()) return
+    call self%system%set_schur([self%storage + self%coupling, weight*self%flow], err)
+    self%flow_weight = weight
+  end subroutine set_flow
+
+  subroutine implicit_solve(self, model, flow_weight, force, time, prescribed, has_prescribed, &
+                            supply, tolerance, motion, pressure, err, without_loads)
+    !! Solves for nodal displacements and pressures of particles. Collective.
+    class(implicit_system_t), intent(inout) :: self
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: flow_weight          !! a [s]
+    real(wp), intent(in) :: force(:, :)          !! (ndim, n_node) complete nodal forces [N]
+    real(wp), intent(in) :: time                 !! of the plates' loads [s]
+    real(wp), intent(in) :: prescribed(:, :)     !! (ndim, n_node) motion of held nodes [m]
+    logical, intent(in) :: has_prescribed
+    real(wp), intent(in) :: supply(:)            !! r of each particle [m3]
+    real(wp), intent(in) :: tolerance            !! of the linear solution, relative [-]
+    real(wp), intent(inout) :: motion(:, :)      !! (ndim, n_node) [m]
+    real(wp), intent(inout) :: pressure(:)       !! of particles [Pa]
+    type(error_t), intent(inout) :: err
+    logical, intent(in), optional :: without_loads   !! plates carry none
+    real(wp), allocatable :: right(:), left(:), load(:, :), water(:)
+    integer :: n_u, n_p
+
+    n_u = self%unknowns%n_u
+    n_p = self%unknowns%n_p
+    if (model%coupled) call self%set_flow(flow_weight, err)
+    if (err%failed()) return
+    allocate (right(n_u + n_p), left(n_u + n_p), source=0.0_wp)
+    water = supply(1:n_p)
+    if (.not. model%rigid) then
+      load = force
+      if (has_prescribed) call self%subtract_held(model, prescribed, load, water)
+      call self%unknowns%to_rows(model, load, time, right(1:n_u), without_loads)
+      right(1:n_u) = right(1:n_u)/self%force
+    end if
+    right(n_u + 1:) = water/self%volume
+    call self%system%solve(right, left, tolerance, err)
+    if (err%failed()) return
+    motion = prescribed
+    if (.not. model%rigid) call self%unknowns%to_nodes(model, left(1:n_u)*self%length, motion)
+    if (model%coupled) pressure(1:n_p) = left(n_u + 1:)*self%pressure
+  end subroutine implicit_solve
+
+  subroutine subtract_held(self, model, prescribed, load, water)
+    !! Forces and volume changes of prescribed motion go to the right-hand side. Collective.
+    class(implicit_system_t), intent(in) :: self
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: prescribed(:, :)      !! (ndim, n_node) [m]
+    real(wp), intent(inout) :: load(:, :), water(:)
+    real(wp), allocatable :: reaction(:, :)
+    integer :: k, row, column
+
+    allocate (reaction(ndim, model%grid%n_node), source=0.0_wp)
+    do k = 1, self%held%n
+      row = self%held%row(k) - 1
+      column = self%held%column(k) - 1
+      reaction(mod(row, ndim) + 1, row/ndim + 1) = &
+        reaction(mod(row, ndim) + 1, row/ndim + 1) + &
+        self%held%value(k)*prescribed(mod(column, ndim) + 1, column/ndim + 1)
+    end do
+    call model%grid%node_map%scatter_add(model%comm, ndim, reaction)
+    call model%grid%node_map%gather(model%comm, ndim, reaction)
+    load = load - reaction
+    do k = 1, self%held_water%n
+      column = self%held_water%column(k) - 1
+      water(self%held_water%row(k)) = water(self%held_water%row(k)) - &
+                                      self%held_water%value(k)*self%volume* &
+                                      prescribed(mod(column, ndim) + 1, column/ndim + 1)
+    end do
+  end subroutine subtract_held
+end module dosui_implicit_system

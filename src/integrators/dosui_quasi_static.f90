@@ -1,0 +1,351 @@
+!! Quasi-static steps: skeleton and water solved together without inertia, by TR-BDF2 with an
+!! estimate of its error (Bank et al. 1985; Hosea & Shampine 1996).
+!!
+!! Momentum holds at every stage; the water content c with dc/dt = F(p) is stepped:
+!!     c_g = c_n + a (F_n + F_g)                        a = g dt/2, g = 2 - sqrt(2)
+!!     c_1 = (c_g/g - (1 - g)^2/g c_n)/(2 - g) + a F_1
+!! Loads that come at once are answered by a solution without flow (a = 0): the undrained state.
+!! All stages solve for increments from the state at t_n, so that one update of the particles by
+!! the explicit step's own kernels makes a step.
+module dosui_quasi_static
+  use dosui_kinds, only: wp
+  use dosui_dimension, only: ndim
+  use dosui_error, only: error_t
+  use dosui_implicit_system, only: implicit_system_t
+  use dosui_model, only: model_t
+  use dosui_scene, only: table_t
+  use dosui_skeleton_step, only: gather_forces, update_particles, zero_velocities
+  use dosui_text, only: to_text
+  use dosui_time_control, only: step_limit_t
+  use dosui_water_step, only: surface_elevation, water_rate
+  implicit none
+  private
+
+  real(wp), parameter :: gamma = 2.0_wp - sqrt(2.0_wp)
+  real(wp), parameter :: error_constant = (-3.0_wp*gamma**2 + 4.0_wp*gamma - 2.0_wp)/ &
+                                          (12.0_wp*(2.0_wp - gamma))
+  real(wp), parameter :: first_fraction = 1.0e-5_wp   !! of the run: the first step [-]
+  real(wp), parameter :: reject_above = 1.5_wp        !! error over what is allowed [-]
+  real(wp), parameter :: largest_growth = 2.0_wp, least_growth = 0.3_wp, safety = 0.9_wp
+  real(wp), parameter :: worthwhile = 1.25_wp         !! growth that pays for a new factorisation
+  real(wp), parameter :: scale_share = 0.01_wp        !! of the largest pressure, in the norm [-]
+  real(wp), parameter :: estimate_tolerance = 1.0e-3_wp   !! of the error's own solution [-]
+  integer, parameter :: attempts = 12                 !! at one step
+
+  type, public :: quasi_static_t
+    type(implicit_system_t) :: system
+    integer :: n_rejected = 0
+    integer :: n_failed = 0          !! linear solutions that did not converge
+    real(wp), allocatable :: corner(:)   !! times at which a table changes its slope [s]
+  contains
+    procedure :: init => quasi_static_init
+    procedure :: settle => quasi_static_settle
+    procedure :: step => quasi_static_step
+    procedure, private :: attempt
+    procedure, private :: accept
+  end type quasi_static_t
+
+contains
+
+  subroutine quasi_static_init(self, model, err)
+    !! Assembles the equations. Collective.
+    class(quasi_static_t), intent(inout) :: self
+    type(model_t), intent(inout) :: model
+    type(error_t), intent(inout) :: err
+    integer :: c
+
+    call model%timers%start(model%phase%assembly)
+    call self%system%build(model, err)
+    call model%timers%stop(model%phase%assembly)
+    self%corner = [real(wp) ::]
+    do c = 1, size(model%scene%mechanical_condition)
+      call add_corners(model%scene%mechanical_condition(c)%factor)
+    end do
+    do c = 1, size(model%scene%hydraulic_condition)
+      call add_corners(model%scene%hydraulic_condition(c)%factor)
+    end do
+    if (.not. model%next_dt > 0.0_wp) model%next_dt = first_fraction*model%scene%time%end_time
+
+  contains
+
+    subroutine add_corners(table)
+      !! Adds the times of a table.
+      type(table_t), intent(in) :: table
+
+      if (allocated(table%time)) self%corner = [self%corner, table%time]
+    end subroutine add_corners
+  end subroutine quasi_static_init
+
+  subroutine quasi_static_settle(self, model, err)
+    !! Equilibrium with the loads of the present time while the water stays where it is. Collective.
+    class(quasi_static_t), intent(inout) :: self
+    type(model_t), intent(inout) :: model
+    type(error_t), intent(inout) :: err
+    real(wp), allocatable :: motion(:, :), pressure(:), supply(:), held(:, :)
+
+    if (model%rigid) return
+    call allocate_increments(model, motion, pressure, supply)
+    allocate (held, mold=motion)
+    held = 0.0_wp
+    call zero_velocities(model)
+    call gather_forces(model)
+    call model%timers%start(model%phase%solver)
+    call self%system%solve(model, 0.0_wp, model%nodal(2 + ndim:, :), model%clock%time, held, &
+                           .false., supply, direct_tolerance(self), motion, pressure, err)
+    call model%timers%stop(model%phase%solver)
+    if (err%failed()) return
+    model%relaxing = .true.
+    model%clock%dt = 1.0_wp
+    call move(model, motion, err)
+    model%relaxing = .false.
+    call zero_velocities(model)
+    if (model%coupled) then
+      call add_pressure(model, pressure)
+      model%pressure_scale = max(model%pressure_scale, root_mean_square(model, pressure))
+    end if
+  end subroutine quasi_static_settle
+
+  subroutine quasi_static_step(self, model, err)
+    !! One accepted step, after as many attempts as it takes; advances the clock. Collective.
+    class(quasi_static_t), intent(inout) :: self
+    type(model_t), intent(inout) :: model
+    type(error_t), intent(inout) :: err
+    type(step_limit_t) :: limits(1)
+    type(error_t) :: failure
+    real(wp), allocatable :: motion(:, :), pressure(:)
+    real(wp) :: error_norm, growth
+    integer :: k
+
+    do k = 1, attempts
+      limits(1)%name = 'accuracy'
+      limits(1)%dt = model%next_dt
+      if (.not. model%coupled) limits(1)%dt = model%scene%time%end_time
+      call model%clock%choose_step(model%scene%time, limits)
+      call stop_at_corner(self, model)
+      failure = error_t()
+      call self%attempt(model, motion, pressure, error_norm, failure)
+      if (failure%failed()) then
+        self%n_failed = self%n_failed + 1
+        model%next_dt = 0.25_wp*model%clock%dt
+        if (.not. model%coupled .or. k == attempts) then
+          call err%set('quasi-static step at t = '//to_text(model%clock%time)//' s: '// &
+                       failure%message)
+          return
+        end if
+        call model%log%warning(failure%message//'; step repeated with dt = '// &
+                               to_text(model%next_dt)//' s')
+        cycle
+      end if
+      growth = largest_growth
+      if (error_norm > 0.0_wp) growth = safety*error_norm**(-1.0_wp/3.0_wp)
+      growth = min(largest_growth, max(least_growth, growth))
+      if (error_norm <= reject_above .or. model%scene%time%time_step > 0.0_wp) exit
+      self%n_rejected = self%n_rejected + 1
+      model%next_dt = growth*model%clock%dt
+    end do
+    if (.not. (error_norm <= reject_above .or. model%scene%time%time_step > 0.0_wp)) then
+      call err%set('quasi-static step at t = '//to_text(model%clock%time)//' s: the error stays '// &
+                   'too large down to dt = '//to_text(model%clock%dt)//' s')
+      return
+    end if
+    call self%accept(model, motion, pressure, err)
+    if (growth > 1.0_wp .and. growth < worthwhile) growth = 1.0_wp
+    model%next_dt = max(growth, merge(1.0_wp, 0.0_wp, error_norm <= 1.0_wp))*model%clock%dt
+    call model%clock%advance()
+  end subroutine quasi_static_step
+
+  subroutine stop_at_corner(self, model)
+    !! Ends a step where a table changes its slope, and halves the one before.
+    class(quasi_static_t), intent(in) :: self
+    type(model_t), intent(inout) :: model
+    real(wp) :: way
+
+    associate (t => model%clock%time, dt => model%clock%dt)
+      if (.not. any(self%corner > t*(1.0_wp + 1.0e-12_wp))) return
+      way = minval(self%corner, mask=self%corner > t*(1.0_wp + 1.0e-12_wp)) - t
+      if (way <= 1.0e-9_wp*dt .or. way >= 2.0_wp*dt) return
+      model%clock%dt = merge(way, 0.5_wp*way, way <= dt*(1.0_wp + 1.0e-9_wp))
+      model%clock%limit%name = 'corner of a time table'
+    end associate
+  end subroutine stop_at_corner
+
+  subroutine attempt(self, model, motion, pressure, error_norm, err)
+    !! Increments of one step and their estimated error over the allowed one.
+    class(quasi_static_t), intent(inout) :: self
+    type(model_t), intent(inout) :: model
+    real(wp), allocatable, intent(inout) :: motion(:, :)   !! of the nodes [m]
+    real(wp), allocatable, intent(inout) :: pressure(:)    !! of the particles [Pa]
+    real(wp), intent(out) :: error_norm                    !! [-]
+    type(error_t), intent(inout) :: err
+    real(wp), allocatable :: supply(:), held(:, :), start(:), flow(:, :), content(:), force(:, :)
+    real(wp) :: t, dt, a
+    logical :: has_held
+
+    t = model%clock%time
+    dt = model%clock%dt
+    a = 0.5_wp*gamma*dt
+    error_norm = 0.0_wp
+    call allocate_increments(model, motion, pressure, supply)
+    allocate (held, mold=motion)
+    allocate (force, mold=motion)
+    force = 0.0_wp
+    if (.not. model%coupled) then
+      call solve_stage(t + dt)
+      return
+    end if
+    associate (n => model%particles%count)
+      start = model%particles%field(model%p%pore_pressure)%values(1, 1:n)
+      allocate (flow(n, 3))
+    end associate
+    call find_flow(model, t, start, flow(:, 1))
+    call find_flow(model, t + gamma*dt, start, flow(:, 2))
+    supply = a*(flow(:, 1) + flow(:, 2))
+    call solve_stage(t + gamma*dt)
+    if (err%failed()) return
+    call find_flow(model, t + gamma*dt, start + pressure, flow(:, 2))
+    content = a*(flow(:, 1) + flow(:, 2))
+    call find_flow(model, t + dt, start, flow(:, 3))
+    supply = content/(gamma*(2.0_wp - gamma)) + a*flow(:, 3)
+    call solve_stage(t + dt)
+    if (err%failed()) return
+    call find_flow(model, t + dt, start + pressure, flow(:, 3))
+    call estimate_error(self, model, dt, a, flow, start, pressure, error_norm, err)
+
+  contains
+
+    subroutine solve_stage(time)
+      !! Increments at a time, from `supply` and the forces on the old state.
+      real(wp), intent(in) :: time
+
+      has_held = .false.
+      held = 0.0_wp
+      if (.not. model%rigid) then
+        call zero_velocities(model)
+        model%clock%time = time
+        call gather_forces(model)
+        model%clock%time = t
+        force = model%nodal(2 + ndim:, :)
+        call self%system%unknowns%prescribe(model, t, time, held, has_held)
+      end if
+      call model%timers%start(model%phase%solver)
+      call self%system%solve(model, a, force, time, held, has_held, supply, &
+                             direct_tolerance(self), motion, pressure, err)
+      call model%timers%stop(model%phase%solver)
+    end subroutine solve_stage
+  end subroutine attempt
+
+  subroutine estimate_error(self, model, dt, a, flow, start, pressure, error_norm, err)
+    !! Error of the pressures: e_c = 2 k dt (F_n/g - F_g/(g (1 - g)) + F_1/(1 - g)) put through the
+    !! system, in a norm relative to the excess pressures.
+    class(quasi_static_t), intent(inout) :: self
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: dt, a                    !! [s]
+    real(wp), intent(in) :: flow(:, :)               !! F at the three times [m3/s]
+    real(wp), intent(in) :: start(:), pressure(:)    !! at t_n, and its increment [Pa]
+    real(wp), intent(out) :: error_norm
+    type(error_t), intent(inout) :: err
+    real(wp), allocatable :: motion(:, :), error_pressure(:), supply(:), zero(:, :), excess(:)
+    real(wp) :: allowed
+
+    error_norm = 0.0_wp
+    call allocate_increments(model, motion, error_pressure, supply)
+    allocate (zero, mold=motion)
+    zero = 0.0_wp
+    supply = 2.0_wp*error_constant*dt*(flow(:, 1)/gamma - flow(:, 2)/(gamma*(1.0_wp - gamma)) + &
+                                       flow(:, 3)/(1.0_wp - gamma))
+    call model%timers%start(model%phase%solver)
+    call self%system%solve(model, a, zero, model%clock%time, zero, .false., supply, &
+                           max(estimate_tolerance, self%system%tolerance), motion, &
+                           error_pressure, err, without_loads=.true.)
+    call model%timers%stop(model%phase%solver)
+    if (err%failed()) return
+    excess = start + pressure - &
+             model%particles%field(model%p%start_pressure)%values(1, 1:size(pressure))
+    allowed = root_mean_square(model, excess)
+    model%pressure_scale = max(model%pressure_scale, allowed)
+    allowed = model%scene%time%relative_tolerance*(allowed + scale_share*model%pressure_scale)
+    if (allowed > 0.0_wp) error_norm = root_mean_square(model, error_pressure)/allowed
+  end subroutine estimate_error
+
+  subroutine accept(self, model, motion, pressure, err)
+    !! Puts the increments of a step on particles and surface points.
+    class(quasi_static_t), intent(inout) :: self
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: motion(:, :)   !! of the nodes [m]
+    real(wp), intent(in) :: pressure(:)    !! increments [Pa]
+    type(error_t), intent(inout) :: err
+
+    if (size(motion) > 0 .and. .not. model%rigid) then
+      call zero_velocities(model)
+      call move(model, motion/model%clock%dt, err)
+    end if
+    if (model%coupled) call add_pressure(model, pressure)
+  end subroutine accept
+
+  subroutine move(model, velocity, err)
+    !! Moves particles and surface points with the nodes.
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: velocity(:, :)   !! of the nodes over the clock's step [m/s]
+    type(error_t), intent(inout) :: err
+
+    model%velocity_old = 0.0_wp
+    model%velocity = velocity
+    call update_particles(model, err)
+  end subroutine move
+
+  subroutine add_pressure(model, pressure)
+    !! Adds increments to the particles' pressures.
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: pressure(:)   !! [Pa]
+
+    associate (values => model%particles%field(model%p%pore_pressure)%values, &
+               n => model%particles%count)
+      values(1, 1:n) = values(1, 1:n) + pressure(1:n)
+    end associate
+  end subroutine add_pressure
+
+  subroutine find_flow(model, time, pressure, flow)
+    !! F: water that flows into each particle per time [m3/s].
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: time          !! of the surfaces' heads and fluxes [s]
+    real(wp), intent(in) :: pressure(:)   !! [Pa]
+    real(wp), intent(out) :: flow(:)
+    real(wp), allocatable :: elevation(:)
+
+    call model%timers%start(model%phase%water)
+    call surface_elevation(model, elevation)
+    call model%hydraulic_conditions%set_time(model%scene%hydraulic_condition, time, &
+                                             model%scene%water%unit_weight, elevation)
+    call water_rate(model, pressure, flow)
+    flow = flow*model%weight
+    call model%timers%stop(model%phase%water)
+  end subroutine find_flow
+
+  subroutine allocate_increments(model, motion, pressure, supply)
+    !! Zero increments.
+    type(model_t), intent(in) :: model
+    real(wp), allocatable, intent(out) :: motion(:, :), pressure(:), supply(:)
+
+    allocate (motion(ndim, model%grid%n_node), source=0.0_wp)
+    allocate (pressure(model%particles%count), supply(model%particles%count), source=0.0_wp)
+  end subroutine allocate_increments
+
+  real(wp) function root_mean_square(model, values) result(norm)
+    !! Weighted by volume, over all ranks.
+    type(model_t), intent(in) :: model
+    real(wp), intent(in) :: values(:)   !! of the particles
+    real(wp) :: sums(2)
+
+    sums = [sum(model%weight*values**2), sum(model%weight)]
+    call model%comm%sum_array(sums)
+    norm = sqrt(sums(1)/sums(2))
+  end function root_mean_square
+
+  pure real(wp) function direct_tolerance(self) result(tolerance)
+    !! Factorised systems are solved to round-off, others to the scene's tolerance.
+    class(quasi_static_t), intent(in) :: self
+
+    tolerance = self%system%tolerance
+    if (self%system%system%is_direct) tolerance = 1.0e-13_wp
+  end function direct_tolerance
+end module dosui_quasi_static

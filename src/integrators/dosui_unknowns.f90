@@ -1,0 +1,239 @@
+!! The unknowns of implicit steps: displacements of free nodes and pressures of particles, numbered
+!! over all ranks, with the conditions of motion built in.
+!!
+!! Held and empty nodes keep a row of their own with a one on the diagonal. The nodes of a rigid
+!! plate share one unknown, the row of the first of them.
+module dosui_unknowns
+  use dosui_kinds, only: wp, i8
+  use dosui_dimension, only: ndim
+  use dosui_model, only: model_t
+  implicit none
+  private
+
+  integer, parameter :: no_row = -1
+
+  type, public :: unknowns_t
+    integer :: n_u = 0, n_p = 0             !! rows of this rank
+    integer, allocatable :: own_row(:, :)   !! (ndim, n_node) row of a component, from 0
+    integer, allocatable :: row(:, :)       !! likewise: the unknown it follows, -1: none
+    real(wp), allocatable :: sign(:, :)     !! likewise: component = sign*unknown [-]
+    logical, allocatable :: is_held(:, :)   !! likewise: by a condition of motion
+    integer, allocatable :: own_node(:)     !! owned nodes in the order of rows
+    integer, allocatable :: particle_row(:) !! of owned and ghost particles, from 0
+    integer, allocatable :: plate_row(:)    !! (plates) shared unknown, -1: no node
+    logical, allocatable, private :: plate_is_mine(:)   !! its row is this rank's
+  contains
+    procedure :: build => unknowns_build
+    procedure :: to_rows => unknowns_to_rows
+    procedure :: to_nodes => unknowns_to_nodes
+    procedure :: prescribe => unknowns_prescribe
+    procedure, private :: number_nodes
+    procedure, private :: number_plates
+  end type unknowns_t
+
+contains
+
+  subroutine unknowns_build(self, model, is_empty)
+    !! Numbers everything for the geometry at hand. Collective.
+    class(unknowns_t), intent(inout) :: self
+    type(model_t), intent(inout) :: model
+    logical, intent(in) :: is_empty(:, :)   !! (ndim, n_node) no stiffness holds this component
+    integer(i8) :: first
+    real(wp), allocatable :: number(:)
+    integer :: p, n
+
+    n = model%particles%count
+    self%n_p = 0
+    if (model%coupled) then
+      self%n_p = n
+      first = model%comm%prefix_sum(int(n, i8))
+      allocate (number(n + model%particles%ghost_count))
+      do p = 1, n
+        number(p) = real(first + p - 1, wp)   ! exact below 2**53
+      end do
+      call model%particle_map%gather(model%comm, 1, number)
+      self%particle_row = nint(number)
+    end if
+    self%n_u = 0
+    if (model%rigid) return
+    call self%number_nodes(model)
+    self%is_held = is_empty
+    self%row = merge(no_row, self%own_row, is_empty)
+    self%sign = merge(0.0_wp, 1.0_wp, is_empty)
+    call self%number_plates(model)
+  end subroutine unknowns_build
+
+  subroutine number_nodes(self, model)
+    !! Rows of all nodes of this rank, ghosts too.
+    class(unknowns_t), intent(inout) :: self
+    type(model_t), intent(inout) :: model
+    real(wp), allocatable :: number(:)
+    integer(i8) :: first
+    integer :: k, a
+
+    self%own_node = pack([(k, k=1, model%grid%n_node)], &
+                         model%grid%node_map%is_owned(1:model%grid%n_node))
+    self%n_u = ndim*size(self%own_node)
+    first = model%comm%prefix_sum(int(size(self%own_node), i8))
+    allocate (number(model%grid%n_node), source=0.0_wp)
+    do k = 1, size(self%own_node)
+      number(self%own_node(k)) = real(first + k - 1, wp)
+    end do
+    call model%grid%node_map%gather(model%comm, 1, number)
+    if (allocated(self%own_row)) deallocate (self%own_row)
+    allocate (self%own_row(ndim, model%grid%n_node))
+    do k = 1, model%grid%n_node
+      do a = 1, ndim
+        self%own_row(a, k) = ndim*nint(number(k)) + a - 1
+      end do
+    end do
+  end subroutine number_nodes
+
+  subroutine number_plates(self, model)
+    !! Held components, and the unknowns that plates share. Later conditions win.
+    class(unknowns_t), intent(inout) :: self
+    type(model_t), intent(inout) :: model
+    integer :: k, slot, node, a, master
+    real(wp) :: master_sign
+
+    associate (set => model%nodal_conditions)
+      if (allocated(self%plate_row)) deallocate (self%plate_row, self%plate_is_mine)
+      allocate (self%plate_row(size(set%plate_condition)), source=huge(1))
+      allocate (self%plate_is_mine(size(set%plate_condition)), source=.false.)
+      do k = 1, set%n_constraint
+        node = set%node(k)
+        a = set%direction(k)
+        self%is_held(a, node) = .not. set%plate(k)
+        if (.not. set%plate(k) .or. self%row(a, node) == no_row) cycle
+        slot = findloc(set%plate_condition, set%condition(k), dim=1)
+        self%plate_row(slot) = min(self%plate_row(slot), self%own_row(a, node))
+      end do
+      do slot = 1, size(self%plate_row)
+        self%plate_row(slot) = model%comm%minimum(self%plate_row(slot))
+        if (self%plate_row(slot) == huge(1)) self%plate_row(slot) = no_row
+      end do
+      do k = 1, set%n_constraint
+        node = set%node(k)
+        a = set%direction(k)
+        if (.not. set%plate(k)) then
+          self%row(a, node) = no_row
+          self%sign(a, node) = 0.0_wp
+          cycle
+        end if
+        slot = findloc(set%plate_condition, set%condition(k), dim=1)
+        if (self%row(a, node) == no_row) cycle
+        master = self%plate_row(slot)
+        master_sign = set%outward(k)   ! the shared unknown is the motion outward
+        self%plate_is_mine(slot) = self%plate_is_mine(slot) .or. &
+                                   (self%own_row(a, node) == master .and. &
+                                    model%grid%node_map%is_owned(node))
+        self%row(a, node) = master
+        self%sign(a, node) = master_sign
+      end do
+    end associate
+  end subroutine number_plates
+
+  subroutine unknowns_to_rows(self, model, force, time, rows, without_loads)
+    !! Right-hand side of this rank's displacement rows from complete nodal forces; plates add
+    !! their own load. Collective.
+    class(unknowns_t), intent(in) :: self
+    type(model_t), intent(in) :: model
+    real(wp), intent(in) :: force(:, :)    !! (ndim, n_node) [N]
+    real(wp), intent(in) :: time           !! of the plates' loads [s]
+    real(wp), intent(inout) :: rows(:)     !! (n_u) [N]
+    logical, intent(in), optional :: without_loads   !! of the plates
+    real(wp), allocatable :: plate(:)
+    real(wp) :: load
+    integer :: k, a, node, slot, first
+
+    rows(1:self%n_u) = 0.0_wp
+    allocate (plate(size(self%plate_row)), source=0.0_wp)
+    do k = 1, size(self%own_node)
+      node = self%own_node(k)
+      do a = 1, ndim
+        if (self%row(a, node) == no_row) cycle
+        slot = findloc(self%plate_row, self%row(a, node), dim=1)
+        if (slot > 0) then
+          plate(slot) = plate(slot) + self%sign(a, node)*force(a, node)
+        else
+          rows(ndim*(k - 1) + a) = force(a, node)
+        end if
+      end do
+    end do
+    if (size(plate) == 0) return
+    call model%comm%sum_array(plate)
+    first = 0
+    if (size(self%own_node) > 0) first = self%own_row(1, self%own_node(1))
+    do slot = 1, size(plate)
+      if (.not. self%plate_is_mine(slot)) cycle
+      associate (condition => &
+                 model%scene%mechanical_condition(model%nodal_conditions%plate_condition(slot)))
+        load = condition%value(1)*condition%factor%at(time)
+        if (present(without_loads)) load = merge(0.0_wp, load, without_loads)
+        rows(self%plate_row(slot) - first + 1) = plate(slot) - load
+      end associate
+    end do
+  end subroutine unknowns_to_rows
+
+  subroutine unknowns_to_nodes(self, model, rows, motion)
+    !! Nodal values of this rank's rows, on all nodes; held components keep what they have.
+    !! Collective.
+    class(unknowns_t), intent(in) :: self
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: rows(:)            !! (n_u)
+    real(wp), intent(inout) :: motion(:, :)    !! (ndim, n_node)
+    real(wp), allocatable :: plate(:)
+    integer :: k, a, node, slot, first
+
+    allocate (plate(size(self%plate_row)), source=0.0_wp)
+    first = 0
+    if (size(self%own_node) > 0) first = self%own_row(1, self%own_node(1))
+    do slot = 1, size(plate)
+      if (self%plate_is_mine(slot)) plate(slot) = rows(self%plate_row(slot) - first + 1)
+    end do
+    if (size(plate) > 0) call model%comm%sum_array(plate)
+    do k = 1, size(self%own_node)
+      node = self%own_node(k)
+      do a = 1, ndim
+        if (self%row(a, node) == no_row) cycle
+        slot = findloc(self%plate_row, self%row(a, node), dim=1)
+        if (slot > 0) then
+          motion(a, node) = self%sign(a, node)*plate(slot)
+        else
+          motion(a, node) = rows(ndim*(k - 1) + a)
+        end if
+      end do
+    end do
+    call model%grid%node_map%gather(model%comm, ndim, motion)
+  end subroutine unknowns_to_nodes
+
+  subroutine unknowns_prescribe(self, model, from, to, motion, any_motion)
+    !! Displacements of held nodes between two times; zero elsewhere. Collective.
+    class(unknowns_t), intent(in) :: self
+    type(model_t), intent(in) :: model
+    real(wp), intent(in) :: from, to         !! [s]
+    real(wp), intent(out) :: motion(:, :)    !! (ndim, n_node) [m]
+    logical, intent(out) :: any_motion       !! on any rank
+    real(wp) :: way
+    integer :: k
+
+    motion = 0.0_wp
+    associate (set => model%nodal_conditions)
+      do k = 1, set%n_constraint
+        if (.not. self%is_held(set%direction(k), set%node(k))) cycle
+        associate (condition => model%scene%mechanical_condition(set%condition(k)))
+          way = condition%factor%integral(to) - condition%factor%integral(from)
+          select case (condition%kind)
+          case ('velocity')
+            motion(set%direction(k), set%node(k)) = condition%value(set%direction(k))*way
+          case ('normal_velocity')
+            motion(set%direction(k), set%node(k)) = set%outward(k)*condition%value(1)*way
+          case default
+            motion(set%direction(k), set%node(k)) = 0.0_wp
+          end select
+        end associate
+      end do
+    end associate
+    any_motion = model%comm%any(any(abs(motion) > 0.0_wp))
+  end subroutine unknowns_prescribe
+end module dosui_unknowns

@@ -1,0 +1,205 @@
+!! Matrices of the grid's cells: stiffness of the skeleton and the volume change that the water
+!! sees, from the same strain operators as the explicit step, so that forces are exact derivatives.
+!!
+!! A particle's strain is E_p u with
+!!     E_p = dev(B_p - mean of B) + C                    means of cells from one gradient C
+!!     E_p = B_p + (tr mean of B - tr B_p) I/ndim        averaged volume change (B-bar)
+!!     E_p = B_p                                         every particle by itself
+!! and the stiffness of a cell is sum w E^T D E (the first is the adjoint pair of
+!! `dosui_cell_quadrature`: the cross terms of mean and deviation vanish for a uniform D).
+module dosui_stiffness
+  use dosui_kinds, only: wp
+  use dosui_dimension, only: ndim, nsig, voigt_slot
+  use dosui_grid, only: grid_t
+  use dosui_shape_functions, only: group_count, n_group, n_group_wide, patch_weights
+  implicit none
+  private
+
+  public :: cell_lists, cell_strain_operators
+
+  type, public :: cell_operators_t
+    !! Strain operators of one cell's particles on the cell's own list of nodes.
+    integer :: n_node = 0
+    integer, allocatable :: node(:)            !! (n_node)
+    real(wp), allocatable :: strain(:, :, :)   !! (nsig, ndim*n_node, particles) E_p [1/m]
+    real(wp), allocatable :: volume(:, :)      !! (ndim*n_node, particles) volume strain [1/m]
+  end type cell_operators_t
+
+contains
+
+  pure subroutine cell_lists(n, cell, n_cell, start, particle)
+    !! Particles of each cell, in increasing order.
+    integer, intent(in) :: n, n_cell
+    integer, intent(in) :: cell(n)
+    integer, allocatable, intent(out) :: start(:)      !! (n_cell + 1)
+    integer, allocatable, intent(out) :: particle(:)   !! (n)
+    integer, allocatable :: next(:)
+    integer :: p, c
+
+    allocate (start(n_cell + 1), source=0)
+    allocate (particle(n))
+    do p = 1, n
+      start(cell(p) + 1) = start(cell(p) + 1) + 1
+    end do
+    start(1) = 1
+    do c = 1, n_cell
+      start(c + 1) = start(c) + start(c + 1)
+    end do
+    next = start
+    do p = 1, n
+      particle(next(cell(p))) = p
+      next(cell(p)) = next(cell(p)) + 1
+    end do
+  end subroutine cell_lists
+
+  subroutine cell_strain_operators(grid, cell, patch, position, weight, averaged, centre, operators)
+    !! Strain operators of the particles of one cell.
+    type(grid_t), intent(in) :: grid
+    integer, intent(in) :: cell
+    integer, intent(in) :: patch(:)            !! of the cell's particles
+    real(wp), intent(in) :: position(:, :)     !! (ndim, particles) [m]
+    real(wp), intent(in) :: weight(:)          !! (particles) [m3]
+    logical, intent(in) :: averaged            !! volume change is averaged over the cell
+    real(wp), intent(in), optional :: centre(nsig, ndim*2**ndim)
+    !! C on the cell's corners, lifts included: means come from it [1/m]
+    type(cell_operators_t), intent(inout) :: operators
+    real(wp), allocatable :: w(:), gradient(:), own(:, :, :), mean(:, :), trace(:), mean_trace(:)
+    integer, allocatable :: local(:)
+    integer :: m, n_groups, n_patch_node, p, i, k, a, b, column
+
+    m = size(patch)
+    n_groups = group_count(grid%shape_kind)
+    n_patch_node = size(grid%patch_node, 1)
+    allocate (w(n_group*n_group_wide*m), gradient(n_group*n_group_wide*ndim*m))
+    call patch_weights(grid%shape_kind, grid%half_domain, grid%origin, grid%spacing, m, patch, &
+                       position, grid%n_patch, grid%patch_base, grid%patch_fold, n_groups, w, &
+                       gradient)
+    call collect_nodes(grid, cell, patch, present(centre), operators)
+    if (allocated(operators%strain)) deallocate (operators%strain, operators%volume)
+    allocate (own(nsig, ndim*operators%n_node, m), source=0.0_wp)
+    allocate (operators%volume(ndim*operators%n_node, m), source=0.0_wp)
+    do p = 1, m
+      local = places(operators, grid%patch_node(:, patch(p)))
+      do i = 1, n_patch_node
+        do a = 1, ndim
+          column = ndim*(local(i) - 1) + a
+          do b = 1, ndim
+            k = voigt_slot(a, b)
+            own(k, column, p) = own(k, column, p) + slope(i, b, p)
+          end do
+        end do
+      end do
+    end do
+    if (averaged .or. present(centre)) then
+      allocate (mean(nsig, ndim*operators%n_node), source=0.0_wp)
+      do p = 1, m
+        mean = mean + weight(p)/sum(weight)*own(:, :, p)
+      end do
+    end if
+    if (present(centre)) then
+      do p = 1, m
+        own(:, :, p) = own(:, :, p) - mean
+        call add_trace(-trace_of(own(:, :, p)), own(:, :, p))
+      end do
+      local = places(operators, grid%cell_node(:, cell))
+      do i = 1, 2**ndim
+        do a = 1, ndim
+          column = ndim*(local(i) - 1) + a
+          do p = 1, m
+            own(:, column, p) = own(:, column, p) + centre(:, ndim*(i - 1) + a)
+          end do
+        end do
+      end do
+    else if (averaged) then
+      mean_trace = trace_of(mean)
+      do p = 1, m
+        trace = trace_of(own(:, :, p))
+        call add_trace(mean_trace - trace, own(:, :, p))
+      end do
+    end if
+    do p = 1, m
+      operators%volume(:, p) = trace_of(own(:, :, p))
+    end do
+    call move_alloc(own, operators%strain)
+
+  contains
+
+    pure real(wp) function slope(node, direction, number)
+      !! Gradient of a node of a particle's patch [1/m].
+      integer, intent(in) :: node, direction, number
+      integer :: per_particle
+
+      per_particle = n_group*n_groups
+      slope = gradient(per_particle*(ndim*(number - 1) + direction - 1) + node)
+    end function slope
+  end subroutine cell_strain_operators
+
+  pure function trace_of(strain) result(trace)
+    !! Volume strain of each column, over the scene's directions.
+    real(wp), intent(in) :: strain(:, :)   !! (nsig, columns)
+    real(wp) :: trace(size(strain, 2))
+    integer :: a
+
+    trace = 0.0_wp
+    do a = 1, ndim
+      trace = trace + strain(voigt_slot(a, a), :)
+    end do
+  end function trace_of
+
+  pure subroutine add_trace(change, strain)
+    !! Adds a volume strain in equal parts over the scene's directions.
+    real(wp), intent(in) :: change(:)
+    real(wp), intent(inout) :: strain(:, :)   !! (nsig, columns)
+    integer :: a
+
+    do a = 1, ndim
+      strain(voigt_slot(a, a), :) = strain(voigt_slot(a, a), :) + change*(1.0_wp/ndim)
+    end do
+  end subroutine add_trace
+
+  subroutine collect_nodes(grid, cell, patch, with_corners, operators)
+    !! All nodes of the particles' patches, and of the cell.
+    type(grid_t), intent(in) :: grid
+    integer, intent(in) :: cell, patch(:)
+    logical, intent(in) :: with_corners
+    type(cell_operators_t), intent(inout) :: operators
+    integer :: list(size(grid%patch_node, 1)*size(patch) + 2**ndim)
+    integer :: p, last
+
+    operators%n_node = 0
+    last = 0
+    if (with_corners) call add(grid%cell_node(:, cell))
+    do p = 1, size(patch)
+      if (patch(p) == last) cycle
+      last = patch(p)
+      call add(grid%patch_node(:, patch(p)))
+    end do
+    operators%node = list(1:operators%n_node)
+
+  contains
+
+    subroutine add(nodes)
+      !! Adds nodes that are not there yet.
+      integer, intent(in) :: nodes(:)
+      integer :: i
+
+      do i = 1, size(nodes)
+        if (any(list(1:operators%n_node) == nodes(i))) cycle
+        operators%n_node = operators%n_node + 1
+        list(operators%n_node) = nodes(i)
+      end do
+    end subroutine add
+  end subroutine collect_nodes
+
+  pure function places(operators, nodes) result(local)
+    !! Places of nodes in the cell's list.
+    type(cell_operators_t), intent(in) :: operators
+    integer, intent(in) :: nodes(:)
+    integer :: local(size(nodes))
+    integer :: i
+
+    do i = 1, size(nodes)
+      local(i) = findloc(operators%node, nodes(i), dim=1)
+    end do
+  end function places
+end module dosui_stiffness

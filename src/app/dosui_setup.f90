@@ -13,7 +13,7 @@ module dosui_setup
   use dosui_scene, only: scene_t
   use dosui_seeding, only: region_spacing, seed_regions
   use dosui_text, only: to_text
-  use dosui_topology, only: build_geometry, distribute
+  use dosui_topology, only: build_geometry, distribute, join_parts
   implicit none
   private
 
@@ -104,6 +104,7 @@ contains
     call choose_damping(model)
     movement = model%movement   ! of a restart: its geometry is that of the last build
     call build_geometry(model, err)
+    if (model%integrator == 'quasi_static' .and. .not. err%failed()) call join_parts(model, err)
     model%movement = movement
     call model%comm%agree(err)
   end subroutine finish_setup

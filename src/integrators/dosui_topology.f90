@@ -20,7 +20,7 @@ module dosui_topology
   implicit none
   private
 
-  public :: distribute, build_geometry, needs_rebuild, refresh_storage, refresh_weights
+  public :: distribute, build_geometry, join_parts, needs_rebuild, refresh_storage, refresh_weights
 
   real(wp), parameter :: inward = 1.0e-3_wp          !! surface points lie in the cell inside [h]
   real(wp), parameter :: imbalance_limit = 1.2_wp    !! repartition above this
@@ -35,9 +35,7 @@ contains
     type(model_t), intent(inout) :: model
     type(error_t), intent(inout) :: err
     logical, intent(in), optional :: as_built
-    integer, allocatable :: order(:)
     real(wp), allocatable :: inside(:, :)
-    real(wp) :: shift
     logical :: anew
 
     anew = .true.
@@ -51,6 +49,15 @@ contains
     call send_home(model, model%particles, model%particles%field(build_handle(model))%values)
     call inward_positions(model, inside)
     call send_home(model, model%surface, inside)
+    call sort_points(model)
+  end subroutine distribute
+
+  subroutine sort_points(model)
+    !! Particles by patch and surface points by cell.
+    type(model_t), intent(inout) :: model
+    integer, allocatable :: order(:)
+    real(wp) :: shift
+
     shift = shape_shift(shape_kind_of(trim(model%scene%shape_function)))*model%scene%grid_spacing
     associate (set => model%particles)
       call cell_order(set%count, set%field(build_handle(model))%values, set%id, &
@@ -64,7 +71,60 @@ contains
                       model%scene%grid_origin, model%scene%grid_spacing, order)
       call set%reorder(order)
     end associate
-  end subroutine distribute
+  end subroutine sort_points
+
+  subroutine join_parts(model, err)
+    !! Brings the particles and surface points of parts of cells to the owner of the cell that these
+    !! parts belong to, and builds the geometry again if any moved: no cell and no block of cells
+    !! is then shared by ranks, which implicit integrators need. Collective.
+    type(model_t), intent(inout) :: model
+    type(error_t), intent(inout) :: err
+    real(wp), allocatable :: place(:, :), surface_place(:, :)
+    logical :: moves
+    integer :: p
+
+    if (.not. model%centred .or. model%comm%size == 1) return
+    if (.not. model%quadrature%exact .or. model%quadrature%fitted) return
+    allocate (place(ndim, model%particles%count), surface_place(ndim, model%surface%count))
+    do p = 1, model%particles%count
+      place(:, p) = cell_centre(model, model%cell(p))
+    end do
+    call inward_positions(model, surface_place)
+    do p = 1, model%surface%count
+      if (model%surface_cell(p) > 0) surface_place(:, p) = cell_centre(model, model%surface_cell(p))
+    end do
+    moves = .not. (is_home(model, place) .and. is_home(model, surface_place))
+    if (.not. model%comm%any(moves)) return
+    call send_home(model, model%particles, place)
+    call send_home(model, model%surface, surface_place)
+    call sort_points(model)
+    call build_geometry(model, err)
+  end subroutine join_parts
+
+  pure function cell_centre(model, cell) result(centre)
+    !! Centre of a cell of the grid [m].
+    type(model_t), intent(in) :: model
+    integer, intent(in) :: cell
+    real(wp) :: centre(ndim)
+
+    centre = model%grid%origin + &
+             model%grid%spacing*(real(model%grid%cell_base(:, cell), wp) + 0.5_wp)
+  end function cell_centre
+
+  logical function is_home(model, position)
+    !! Are all positions in bricks of this rank, or of none?
+    type(model_t), intent(in) :: model
+    real(wp), intent(in) :: position(:, :)   !! [m]
+    integer(i8), allocatable :: key(:)
+    integer :: p, place
+
+    is_home = .true.
+    key = brick_keys(model, size(position, 2), position)
+    do p = 1, size(key)
+      place = binary_search(model%brick_key, key(p))
+      if (place > 0) is_home = is_home .and. model%brick_rank(place) == model%comm%rank
+    end do
+  end function is_home
 
   pure subroutine copy_field(set, source, destination)
     !! Copies a field of all owned points.

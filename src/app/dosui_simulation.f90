@@ -173,6 +173,7 @@ contains
       call checkpoint_if_due(model, files, check_interval, last_checkpoint, err)
       if (err%failed()) return
     end do
+    if (model%integrator == 'quasi_static') call model%log%info(quasi_static%describe())
     call files%write_step(model, err)   ! where maximum_steps ends a run; else it is there already
     if (.not. err%failed()) call files%close(model, err)
     if (.not. err%failed()) status = status_finished

@@ -13,13 +13,16 @@ module dosui_implicit_system
   use dosui_entries, only: entries_t
   use dosui_error, only: error_t
   use dosui_model, only: model_t
-  use dosui_stiffness, only: cell_lists, cell_operators_t, cell_strain_operators
+  use dosui_stiffness, only: cell_lists, cell_operators_t, cell_strain_operators, &
+                             hourglass_operators
   use dosui_text, only: to_text
   use dosui_unknowns, only: unknowns_t
   implicit none
   private
 
   integer, parameter :: direct_limit(3) = [500000, 60000, 9000]   !! unknowns in 1-D, 2-D, 3-D
+  real(wp), parameter :: hourglass_stiffness = 0.1_wp
+  !! of cells with one particle, over their deviatoric stiffness; it acts on increments only [-]
   real(wp), parameter :: empty_node = 1.0e-12_wp   !! stiffness of a node over the modulus [-]
 
   type, public :: implicit_system_t
@@ -183,7 +186,7 @@ contains
     type(cell_operators_t) :: operators
     integer, allocatable :: start(:), particle(:), row(:)
     real(wp), allocatable :: centre(:, :, :), matrix(:, :), sign(:), divergence(:)
-    real(wp) :: tangent(nsig, nsig)
+    real(wp) :: tangent(nsig, nsig), hourglass(nsig, ndim*2**ndim, 2**ndim)
     integer :: c, p, i, j, a, column, node, k
     logical :: keeps_held
 
@@ -191,6 +194,7 @@ contains
                      model%scene%mechanical_condition%kind == 'normal_velocity')
     call cell_lists(model%particles%count, model%cell, model%grid%n_cell, start, particle)
     call centre_operators(model, centre)
+    call hourglass_operators(model%grid%spacing, hourglass)
     do c = 1, model%grid%n_cell
       if (start(c + 1) == start(c)) cycle
       call operators_of_cell(model, c, particle(start(c):start(c + 1) - 1), centre, operators)
@@ -209,6 +213,15 @@ contains
                  matmul(transpose(operators%strain(:, :, p)), &
                         matmul(tangent, operators%strain(:, :, p)))
       end do
+      if (size(operators%strain, 3) == 1 .and. allocated(centre)) then
+        ! of the cell's corners, which come first in its list
+        a = ndim*2**ndim
+        do p = 1, 2**ndim
+          matrix(1:a, 1:a) = matrix(1:a, 1:a) + hourglass_stiffness/2**ndim*model%weight(k)* &
+                             matmul(transpose(hourglass(:, :, p)), &
+                                    matmul(tangent, hourglass(:, :, p)))
+        end do
+      end if
       do j = 1, size(row)
         do i = 1, size(row)
           call skeleton%add(row(i), row(j), sign(i)*sign(j)*matrix(i, j)*self%length/self%force)
@@ -427,7 +440,7 @@ contains
   end subroutine set_flow
 
   subroutine implicit_solve(self, model, flow_weight, force, time, prescribed, has_prescribed, &
-                            supply, tolerance, motion, pressure, err, without_loads)
+                            supply, tolerance, is_guess, motion, pressure, err, without_loads)
     !! Solves for nodal displacements and pressures of particles. Collective.
     class(implicit_system_t), intent(inout) :: self
     type(model_t), intent(inout) :: model
@@ -438,6 +451,7 @@ contains
     logical, intent(in) :: has_prescribed
     real(wp), intent(in) :: supply(:)            !! r of each particle [m3]
     real(wp), intent(in) :: tolerance            !! of the linear solution, relative [-]
+    logical, intent(in) :: is_guess              !! motion and pressure come with a first guess
     real(wp), intent(inout) :: motion(:, :)      !! (ndim, n_node) [m]
     real(wp), intent(inout) :: pressure(:)       !! of particles [Pa]
     type(error_t), intent(inout) :: err
@@ -458,7 +472,14 @@ contains
       right(1:n_u) = right(1:n_u)/self%force
     end if
     right(n_u + 1:) = water/self%volume
-    call self%system%solve(right, left, tolerance, err)
+    if (is_guess) then
+      if (.not. model%rigid) then
+        call self%unknowns%to_unknowns(motion, left(1:n_u))
+        left(1:n_u) = left(1:n_u)/self%length
+      end if
+      left(n_u + 1:) = pressure(1:n_p)/self%pressure
+    end if
+    call self%system%solve(right, left, tolerance, is_guess, err)
     if (err%failed()) return
     motion = prescribed
     if (.not. model%rigid) call self%unknowns%to_nodes(model, left(1:n_u)*self%length, motion)

@@ -41,6 +41,7 @@ module dosui_quasi_static
     procedure :: init => quasi_static_init
     procedure :: settle => quasi_static_settle
     procedure :: step => quasi_static_step
+    procedure :: describe => quasi_static_describe
     procedure, private :: attempt
     procedure, private :: accept
   end type quasi_static_t
@@ -91,7 +92,7 @@ contains
     call gather_forces(model)
     call model%timers%start(model%phase%solver)
     call self%system%solve(model, 0.0_wp, model%nodal(2 + ndim:, :), model%clock%time, held, &
-                           .false., supply, direct_tolerance(self), motion, pressure, err)
+                           .false., supply, direct_tolerance(self), .false., motion, pressure, err)
     call model%timers%stop(model%phase%solver)
     if (err%failed()) return
     model%relaxing = .true.
@@ -154,6 +155,21 @@ contains
     call model%clock%advance()
   end subroutine quasi_static_step
 
+  function quasi_static_describe(self) result(text)
+    !! Repeated steps and linear solutions so far, for the closing summary.
+    class(quasi_static_t), intent(in) :: self
+    character(len=:), allocatable :: text
+
+    associate (system => self%system%system)
+      text = 'steps repeated '//to_text(self%n_rejected)//' for accuracy, '// &
+             to_text(self%n_failed)//' for the solver; '// &
+             trim(merge('direct   ', 'iterative', system%is_direct))//' solutions '// &
+             to_text(system%n_solve)//', set-ups '//to_text(system%n_setup)
+      if (.not. system%is_direct) text = text//', iterations '//to_text(system%n_iteration)// &
+                                  ' (at most '//to_text(system%most_iterations)//')'
+    end associate
+  end function quasi_static_describe
+
   subroutine stop_at_corner(self, model)
     !! Ends a step where a table changes its slope, and halves the one before.
     class(quasi_static_t), intent(in) :: self
@@ -190,7 +206,7 @@ contains
     allocate (force, mold=motion)
     force = 0.0_wp
     if (.not. model%coupled) then
-      call solve_stage(t + dt)
+      call solve_stage(t + dt, .false.)
       return
     end if
     associate (n => model%particles%count)
@@ -200,22 +216,25 @@ contains
     call find_flow(model, t, start, flow(:, 1))
     call find_flow(model, t + gamma*dt, start, flow(:, 2))
     supply = a*(flow(:, 1) + flow(:, 2))
-    call solve_stage(t + gamma*dt)
+    call solve_stage(t + gamma*dt, .false.)
     if (err%failed()) return
     call find_flow(model, t + gamma*dt, start + pressure, flow(:, 2))
     content = a*(flow(:, 1) + flow(:, 2))
     call find_flow(model, t + dt, start, flow(:, 3))
     supply = content/(gamma*(2.0_wp - gamma)) + a*flow(:, 3)
-    call solve_stage(t + dt)
+    motion = motion/gamma   ! a guess for the whole step
+    pressure = pressure/gamma
+    call solve_stage(t + dt, .not. self%system%system%is_direct)
     if (err%failed()) return
     call find_flow(model, t + dt, start + pressure, flow(:, 3))
     call estimate_error(self, model, dt, a, flow, start, pressure, error_norm, err)
 
   contains
 
-    subroutine solve_stage(time)
+    subroutine solve_stage(time, is_guess)
       !! Increments at a time, from `supply` and the forces on the old state.
       real(wp), intent(in) :: time
+      logical, intent(in) :: is_guess   !! motion and pressure hold a first guess
 
       has_held = .false.
       held = 0.0_wp
@@ -229,7 +248,7 @@ contains
       end if
       call model%timers%start(model%phase%solver)
       call self%system%solve(model, a, force, time, held, has_held, supply, &
-                             direct_tolerance(self), motion, pressure, err)
+                             direct_tolerance(self), is_guess, motion, pressure, err)
       call model%timers%stop(model%phase%solver)
     end subroutine solve_stage
   end subroutine attempt
@@ -255,7 +274,7 @@ contains
                                        flow(:, 3)/(1.0_wp - gamma))
     call model%timers%start(model%phase%solver)
     call self%system%solve(model, a, zero, model%clock%time, zero, .false., supply, &
-                           max(estimate_tolerance, self%system%tolerance), motion, &
+                           max(estimate_tolerance, self%system%tolerance), .false., motion, &
                            error_pressure, err, without_loads=.true.)
     call model%timers%stop(model%phase%solver)
     if (err%failed()) return

@@ -26,6 +26,7 @@ module dosui_unknowns
     procedure :: build => unknowns_build
     procedure :: to_rows => unknowns_to_rows
     procedure :: to_nodes => unknowns_to_nodes
+    procedure :: to_unknowns => unknowns_to_unknowns
     procedure :: prescribe => unknowns_prescribe
     procedure, private :: number_nodes
     procedure, private :: number_plates
@@ -206,6 +207,25 @@ contains
     end do
     call model%grid%node_map%gather(model%comm, ndim, motion)
   end subroutine unknowns_to_nodes
+
+  pure subroutine unknowns_to_unknowns(self, motion, rows)
+    !! This rank's rows that stand for given nodal values; held components have none.
+    class(unknowns_t), intent(in) :: self
+    real(wp), intent(in) :: motion(:, :)    !! (ndim, n_node)
+    real(wp), intent(inout) :: rows(:)      !! (n_u)
+    integer :: k, a, node
+
+    do k = 1, size(self%own_node)
+      node = self%own_node(k)
+      do a = 1, ndim
+        rows(ndim*(k - 1) + a) = 0.0_wp
+        ! of a plate the node whose row it is
+        if (self%row(a, node) == self%own_row(a, node)) then
+          rows(ndim*(k - 1) + a) = self%sign(a, node)*motion(a, node)
+        end if
+      end do
+    end do
+  end subroutine unknowns_to_unknowns
 
   subroutine unknowns_prescribe(self, model, from, to, motion, any_motion)
     !! Displacements of held nodes between two times; zero elsewhere. Collective.

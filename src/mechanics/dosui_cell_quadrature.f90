@@ -27,6 +27,8 @@ module dosui_cell_quadrature
   implicit none
   private
 
+  public :: hat_gradients
+
   real(wp), parameter :: least_part = 0.3_wp      !! of a cell that stands alone [-]
   real(wp), parameter :: fitted_tolerance = 1.0e-9_wp   !! [-]
   real(wp), parameter :: least_filling = 0.5_wp   !! of a cell that no surface cuts, to be full [-]

@@ -10,12 +10,13 @@
 module dosui_stiffness
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim, nsig, voigt_slot
+  use dosui_cell_quadrature, only: hat_gradients
   use dosui_grid, only: grid_t
   use dosui_shape_functions, only: group_count, n_group, n_group_wide, patch_weights
   implicit none
   private
 
-  public :: cell_lists, cell_strain_operators
+  public :: cell_lists, cell_strain_operators, hourglass_operators
 
   type, public :: cell_operators_t
     !! Strain operators of one cell's particles on the cell's own list of nodes.
@@ -133,6 +134,36 @@ contains
       slope = gradient(per_particle*(ndim*(number - 1) + direction - 1) + node)
     end function slope
   end subroutine cell_strain_operators
+
+  subroutine hourglass_operators(spacing, strain)
+    !! Deviations of the hats' strains at the 2**ndim Gauss points of a full cell from their mean:
+    !! the modes that a single particle does not see (Flanagan & Belytschko 1981).
+    real(wp), intent(in) :: spacing                                     !! [m]
+    real(wp), intent(out) :: strain(nsig, ndim*2**ndim, 2**ndim)        !! [1/m]
+    real(wp) :: gradient(ndim, 2**ndim), place(ndim), mean(nsig, ndim*2**ndim)
+    integer :: g, i, a, b, d, k
+
+    strain = 0.0_wp
+    do g = 1, 2**ndim
+      do d = 1, ndim
+        place(d) = 0.5_wp + merge(0.5_wp, -0.5_wp, btest(g - 1, d - 1))/sqrt(3.0_wp)
+      end do
+      call hat_gradients(place, 0.0_wp, spacing, gradient)
+      do i = 1, 2**ndim
+        do a = 1, ndim
+          do b = 1, ndim
+            k = voigt_slot(a, b)
+            strain(k, ndim*(i - 1) + a, g) = strain(k, ndim*(i - 1) + a, g) + gradient(b, i)
+          end do
+        end do
+      end do
+    end do
+    mean = sum(strain, dim=3)/real(2**ndim, wp)
+    do g = 1, 2**ndim
+      strain(:, :, g) = strain(:, :, g) - mean
+      call add_trace(-trace_of(strain(:, :, g)), strain(:, :, g))
+    end do
+  end subroutine hourglass_operators
 
   pure function trace_of(strain) result(trace)
     !! Volume strain of each column, over the scene's directions.

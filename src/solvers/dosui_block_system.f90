@@ -13,7 +13,7 @@ module dosui_block_system
   use dosui_communicator, only: communicator_t
   use dosui_error, only: error_t
   use dosui_petsc, only: initial_matrix, insert_values, reuse_matrix, ksp_create, ksp_destroy, ksp_get_pc, &
-                         ksp_iterations, ksp_reason, ksp_set_from_options, ksp_set_operators, &
+                         ksp_iterations, ksp_reason, ksp_set_from_options, ksp_set_nonzero_guess, ksp_set_operators, &
                          ksp_set_prefix, ksp_set_tolerances, ksp_set_up, ksp_solve, mat_convert, &
                          mat_create, mat_create_nest, mat_destroy, mat_mult, mat_nest_rows, &
                          mat_set_block_size, mat_set_near_null_space, mat_set_pattern, &
@@ -43,6 +43,7 @@ module dosui_block_system
     integer :: n_all(2) = 0              !! rows of all ranks
     logical :: is_direct = .true.
     integer :: n_iteration = 0           !! of all solves so far
+    integer :: most_iterations = 0       !! of one solve
     integer :: n_solve = 0
     integer :: n_setup = 0               !! factorisations or multigrid set-ups
     type(block_t), private :: block(2, 2)
@@ -311,9 +312,10 @@ contains
     character(len=*), intent(in) :: prefix
     character(len=:), allocatable :: options
 
-    options = ' -'//prefix//'pc_type gamg -'//prefix//'pc_gamg_threshold 0.02'// &
+    options = ' -'//prefix//'pc_type gamg -'//prefix//'pc_gamg_threshold 0'// &
               ' -'//prefix//'mg_levels_ksp_max_it 2 -'//prefix//'mg_levels_pc_type jacobi'// &
-              ' -'//prefix//'pc_gamg_reuse_interpolation true'
+              ' -'//prefix//'pc_gamg_square_graph 0'// &
+              ' -'//prefix//'pc_gamg_aggressive_coarsening 0'
   end function elastic_options
 
   function water_options(prefix) result(options)
@@ -321,18 +323,17 @@ contains
     character(len=*), intent(in) :: prefix
     character(len=:), allocatable :: options
 
-    options = ' -'//prefix//'pc_type hypre -'//prefix//'pc_hypre_type boomeramg'// &
-              ' -'//prefix//'pc_hypre_boomeramg_strong_threshold 0.25'// &
-              ' -'//prefix//'pc_hypre_boomeramg_relax_type_all Jacobi'
+    options = ' -'//prefix//'pc_type gamg -'//prefix//'mg_levels_pc_type jacobi'
   end function water_options
 
-  subroutine system_solve(self, right_side, solution, tolerance, err)
+  subroutine system_solve(self, right_side, solution, tolerance, is_guess, err)
     !! Solves for displacements, then pressures of this rank in one array. Fails by value when the
     !! solver does not converge; the solution is then not to be used.
     class(block_system_t), intent(inout) :: self
     real(wp), intent(in), target, contiguous :: right_side(:)   !! (n_u + n_p)
     real(wp), intent(inout), target, contiguous :: solution(:)  !! likewise
     real(wp), intent(in) :: tolerance   !! of the residual, relative to the right side [-]
+    logical, intent(in) :: is_guess     !! `solution` comes with a first guess
     type(error_t), intent(inout) :: err
     logical :: halting(size(ieee_usual))
     integer :: status, n
@@ -353,6 +354,7 @@ contains
     if (status == 0) status = ksp_set_tolerances(self%ksp, tolerance, 1.0e-300_c_double, &
                                                  1.0e5_c_double, merge(refinements, &
                                                  iteration_limit, self%is_direct))
+    if (status == 0) status = ksp_set_nonzero_guess(self%ksp, merge(1, 0, is_guess))
     call be_lenient(halting)
     if (status == 0) status = ksp_solve(self%ksp, self%right, self%left)
     call be_strict(halting)
@@ -364,6 +366,7 @@ contains
     if (status == 0) status = vec_reset_array(self%left)
     call report('the linear solution', status, err)
     self%n_iteration = self%n_iteration + iterations
+    self%most_iterations = max(self%most_iterations, int(iterations))
     self%n_solve = self%n_solve + 1
     if (err%failed()) return
     if (reason < 0 .and. .not. (self%is_direct .and. reason == reason_iterations)) then

@@ -319,11 +319,18 @@ contains
   end subroutine petsc_stop
 
   subroutine petsc_set_options(options, status)
-    !! Adds options, written as on PETSc's command line.
+    !! Adds options, written as on PETSc's command line. Those of the environment's PETSC_OPTIONS
+    !! win, so that experts can try others.
     character(len=*), intent(in) :: options
     integer, intent(out) :: status
+    character(len=4096) :: environment
+    integer :: length, found
 
     status = int(options_insert_string(c_null_ptr, options//c_null_char))
+    call get_environment_variable('PETSC_OPTIONS', environment, length, found)
+    if (status == 0 .and. found == 0 .and. length > 0) then
+      status = int(options_insert_string(c_null_ptr, environment(1:length)//c_null_char))
+    end if
   end subroutine petsc_set_options
 
   integer(c_int) function mat_set_type(mat, name) result(status)

@@ -104,7 +104,7 @@ contains
     call choose_damping(model)
     movement = model%movement   ! of a restart: its geometry is that of the last build
     call build_geometry(model, err)
-    if (model%integrator == 'quasi_static' .and. .not. err%failed()) call join_parts(model, err)
+    if (model%integrator /= 'explicit' .and. .not. err%failed()) call join_parts(model, err)
     model%movement = movement
     call model%comm%agree(err)
   end subroutine finish_setup

@@ -12,6 +12,7 @@ module dosui_simulation
   use dosui_quasi_static, only: quasi_static_t
   use dosui_run_files, only: run_files_t
   use dosui_scene, only: scene_t
+  use dosui_semi_implicit, only: choose_semi_implicit_step, semi_implicit_t
   use dosui_setup, only: describe_model, finish_setup, seed_model, setup_model
   use dosui_signals, only: signal_received, signals_watch
   use dosui_text, only: to_text
@@ -26,6 +27,7 @@ module dosui_simulation
                                 status_stopped = 3   !! exit statuses
   integer, parameter :: explicit_check_interval = 64  !! steps between looks at signals and NaN
   integer, parameter :: equilibrium_passes = 20       !! of updated scenes
+  real(wp), parameter :: settled = 1.0e-12_wp         !! of the first displacements [-]
   real(wp), parameter :: pass_reduction = 1.0e-9_wp   !! of their residual [-]
 
 contains
@@ -114,6 +116,7 @@ contains
     real(wp) :: started, last_line, last_checkpoint
     integer :: first_step, check_interval
     type(quasi_static_t) :: quasi_static
+    type(semi_implicit_t) :: semi_implicit
     type(error_t) :: write_error
 
     status = status_failed
@@ -139,7 +142,7 @@ contains
       if (model%integrator == 'quasi_static') then
         call quasi_static%step(model, err)
       else
-        call step(model, err)
+        call step(model, semi_implicit, err)
       end if
       if (mod(model%clock%step, check_interval) == 0 .or. model%clock%at_output()) then
         call check_state(model, err)
@@ -174,18 +177,26 @@ contains
       if (err%failed()) return
     end do
     if (model%integrator == 'quasi_static') call model%log%info(quasi_static%describe())
+    if (model%integrator == 'semi_implicit') call model%log%info(semi_implicit%describe())
     call files%write_step(model, err)   ! where maximum_steps ends a run; else it is there already
     if (.not. err%failed()) call files%close(model, err)
     if (.not. err%failed()) status = status_finished
   end subroutine advance
 
-  subroutine step(model, err)
-    !! One step: choose dt, advance, follow the particles.
+  subroutine step(model, semi_implicit, err)
+    !! One step with inertia: choose dt, advance, follow the particles.
     type(model_t), intent(inout) :: model
+    type(semi_implicit_t), intent(inout) :: semi_implicit
     type(error_t), intent(inout) :: err
 
-    call choose_explicit_step(model)
-    call explicit_step(model, .true., err)
+    if (model%integrator == 'semi_implicit') then
+      call choose_semi_implicit_step(model)
+      call semi_implicit%step(model, err)
+      if (err%failed()) return
+    else
+      call choose_explicit_step(model)
+      call explicit_step(model, .true., err)
+    end if
     call model%clock%advance()
     if (model%updated) call keep_up(model, err)
   end subroutine step
@@ -343,8 +354,12 @@ contains
       last_iteration = n_iteration
       before = model%particles%field(model%p%displacement)%values(:, 1:model%particles%count)
       before_surface = model%surface%field(model%s%displacement)%values(:, 1:model%surface%count)
-      call find_equilibrium(model, merge(pass_reduction, 0.0_wp, model%updated), n_iteration, &
-                            first, err)
+      if (model%integrator == 'explicit') then
+        call find_equilibrium(model, merge(pass_reduction, 0.0_wp, model%updated), n_iteration, &
+                              first, err)
+      else
+        call solve_equilibrium(model, before, n_iteration, first, err)
+      end if
       if (err%failed()) return
       if (.not. model%updated .or. n_iteration == last_iteration) exit
       call move_by(model%particles, model%p%position, model%p%displacement, before)
@@ -358,6 +373,29 @@ contains
                              'after '//to_text(equilibrium_passes)//' passes')
     end if
   end subroutine undrained_start
+
+  subroutine solve_equilibrium(model, before, n_solution, first, err)
+    !! Undrained equilibrium by one implicit solution. It counts while displacements still change.
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: before(:, :)      !! displacements [m]
+    integer, intent(inout) :: n_solution      !! that changed anything
+    real(wp), intent(inout) :: first          !! the first change of a displacement [m]; < 0: none yet
+    type(error_t), intent(inout) :: err
+    type(quasi_static_t) :: solver
+    real(wp) :: change
+
+    call solver%init(model, err)
+    if (.not. err%failed()) call solver%settle(model, err)
+    if (err%failed()) return
+    change = 0.0_wp
+    associate (displacement => model%particles%field(model%p%displacement)%values, &
+               n => model%particles%count)
+      if (n > 0) change = maxval(abs(displacement(:, 1:n) - before))
+    end associate
+    change = model%comm%maximum(change)
+    if (first < 0.0_wp) first = change
+    if (change > settled*first) n_solution = n_solution + 1
+  end subroutine solve_equilibrium
 
   pure subroutine move_by(set, position, displacement, before)
     !! Moves points by what their displacements have grown.

@@ -16,7 +16,7 @@ module dosui_explicit
   implicit none
   private
 
-  public :: explicit_step, choose_explicit_step
+  public :: explicit_step, choose_explicit_step, damping_limit, fastest_particle
 
 contains
 
@@ -40,7 +40,7 @@ contains
     type(model_t), intent(inout) :: model
     type(step_limit_t) :: limits(5)
     character(len=name_length) :: stepping
-    real(wp) :: courant, ratio, rate, speed
+    real(wp) :: courant, ratio, speed
 
     courant = model%scene%time%courant
     stepping = model%scene%water%stepping
@@ -48,13 +48,8 @@ contains
       limits(1)%name = merge('water sound speed   ', 'skeleton wave speed ', model%coupled)
       limits(1)%dt = courant*wave_limit(model)
     end if
-    rate = 0.0_wp
-    if (model%damping_kind == damping_viscous) rate = model%damping
-    if (model%damping_kind == damping_fading) rate = model%damping_start
-    if (rate > 0.0_wp) then
-      limits(2)%name = 'viscous damping'
-      limits(2)%dt = courant*2.0_wp/rate
-    end if
+    limits(2)%name = 'viscous damping'
+    limits(2)%dt = courant*damping_limit(model)
     if (model%coupled) then
       if (stepping == 'auto') then
         stepping = 'single'
@@ -87,6 +82,18 @@ contains
     if (stepping == 'subcycle') model%substeps = ceiling(ratio)
     if (stepping == 'rkl2') model%stages = stages_needed(ratio)
   end subroutine choose_explicit_step
+
+  pure real(wp) function damping_limit(model) result(limit)
+    !! Largest stable step of the viscous damping [s].
+    type(model_t), intent(in) :: model
+    real(wp) :: rate
+
+    rate = 0.0_wp
+    if (model%damping_kind == damping_viscous) rate = model%damping
+    if (model%damping_kind == damping_fading) rate = model%damping_start
+    limit = huge(1.0_wp)
+    if (rate > 0.0_wp) limit = 2.0_wp/rate
+  end function damping_limit
 
   real(wp) function fastest_particle(model) result(speed)
     !! Largest speed of a particle [m/s]. Collective.

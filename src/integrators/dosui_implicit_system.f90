@@ -6,6 +6,9 @@
 !! K, Q and VPD come from the explicit step's own strain operators, S is its storage, and L its head
 !! operator over gamma_w. Unknowns are scaled by the grid spacing and the skeleton's modulus, so
 !! that all blocks are of order one.
+!!
+!! For semi-implicit steps the inertia M/dt^2 takes the place of K: du is then the motion that the
+!! new pressures add to that of the explicit forces.
 module dosui_implicit_system
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim, nsig
@@ -13,6 +16,7 @@ module dosui_implicit_system
   use dosui_entries, only: entries_t
   use dosui_error, only: error_t
   use dosui_model, only: model_t
+  use dosui_skeleton_step, only: light_node_mass
   use dosui_stiffness, only: cell_lists, cell_operators_t, cell_strain_operators, &
                              hourglass_operators
   use dosui_text, only: to_text
@@ -20,7 +24,7 @@ module dosui_implicit_system
   implicit none
   private
 
-  integer, parameter :: direct_limit(3) = [500000, 60000, 9000]   !! unknowns in 1-D, 2-D, 3-D
+  integer, parameter :: direct_limit(3) = [500000, 12000, 4000]   !! unknowns in 1-D, 2-D, 3-D
   real(wp), parameter :: hourglass_stiffness = 0.1_wp
   !! of cells with one particle, over their deviatoric stiffness; it acts on increments only [-]
   real(wp), parameter :: empty_node = 1.0e-12_wp   !! stiffness of a node over the modulus [-]
@@ -37,11 +41,16 @@ module dosui_implicit_system
     real(wp), allocatable, private :: flow(:)      !! entries of -VL, after those of S
     real(wp), allocatable, private :: coupling(:)  !! Schur complement beyond C, like storage
     real(wp), private :: flow_weight = -1.0_wp     !! a of the present entries [s]
+    logical, private :: is_dynamic = .false.       !! inertia instead of stiffness
+    real(wp), allocatable, private :: inertia(:)   !! entries of M [kg], scaled
+    real(wp), private :: inertia_step = -1.0_wp    !! dt of the present entries [s]
     type(entries_t), private :: held               !! K, free rows and held columns, local places
-    type(entries_t), private :: held_water         !! VPD, likewise
+    type(entries_t), private :: held_water         !! VPD, likewise; all columns in dynamic steps
   contains
     procedure :: build => implicit_build
     procedure :: solve => implicit_solve
+    procedure :: set_step => implicit_set_step
+    procedure :: volume_change => implicit_volume_change
     procedure, private :: build_skeleton
     procedure, private :: build_water
     procedure, private :: set_flow
@@ -50,10 +59,12 @@ module dosui_implicit_system
 
 contains
 
-  subroutine implicit_build(self, model, err)
-    !! Assembles everything for the geometry at hand. Collective.
+  subroutine implicit_build(self, model, is_dynamic, err)
+    !! Assembles everything for the geometry at hand; with inertia, nodal masses must be there, and
+    !! `set_step` follows. Collective.
     class(implicit_system_t), intent(inout) :: self
     type(model_t), intent(inout) :: model
+    logical, intent(in) :: is_dynamic   !! inertia instead of stiffness
     type(error_t), intent(inout) :: err
     type(entries_t) :: skeleton, pressure_force, volume_change
     logical, allocatable :: is_empty(:, :)
@@ -69,22 +80,31 @@ contains
     self%volume = h**ndim
     self%tolerance = model%scene%solver%tolerance
     self%flow_weight = -1.0_wp
+    self%inertia_step = -1.0_wp
+    self%is_dynamic = is_dynamic
+    self%held = entries_t()
+    self%held_water = entries_t()
     if (.not. model%rigid) then
       allocate (is_empty(ndim, model%grid%n_node))
-      call find_empty(model, is_empty)
+      if (is_dynamic) then
+        call find_light(model, is_empty)
+      else
+        call find_empty(model, is_empty)
+      end if
     end if
     call self%unknowns%build(model, is_empty)
     n_u = self%unknowns%n_u
     n_unknown = model%comm%sum(n_u) + model%comm%sum(self%unknowns%n_p)
     is_direct = n_unknown <= direct_limit(ndim)
     if (model%scene%solver%linear /= 'auto') is_direct = model%scene%solver%linear == 'direct'
-    call self%system%init(model%comm, n_u, self%unknowns%n_p, is_direct, err)
+    call self%system%init(model%comm, n_u, self%unknowns%n_p, is_direct, is_dynamic, err)
     if (err%failed()) return
     if (.not. model%rigid) then
       call self%build_skeleton(model, skeleton, pressure_force, volume_change)
       call self%system%set_pattern(block_u, block_u, skeleton%row, skeleton%column, err)
       if (.not. err%failed()) call self%system%set_values(block_u, block_u, skeleton%value, err)
-      if (.not. err%failed()) call set_coordinates(self, model, err)
+      if (is_dynamic) self%inertia = skeleton%value
+      if (.not. err%failed() .and. .not. is_dynamic) call set_coordinates(self, model, err)
       if (model%coupled .and. .not. err%failed()) then
         call self%system%set_pattern(block_u, block_p, pressure_force%row, pressure_force%column, &
                                      err)
@@ -128,6 +148,17 @@ contains
     is_empty = .not. touch > empty_node*model%grid%spacing**(ndim - 2)
   end subroutine find_empty
 
+  subroutine find_light(model, is_light)
+    !! Nodes that particles hardly touch: they keep their velocity, as in explicit steps.
+    type(model_t), intent(in) :: model
+    logical, intent(out) :: is_light(:, :)
+    integer :: k
+
+    do k = 1, model%grid%n_node
+      is_light(:, k) = .not. model%nodal(1, k) > light_node_mass(model)
+    end do
+  end subroutine find_light
+
   subroutine centre_operators(model, centre)
     !! Strain operators of the cells' means, with the lifts of penalty walls. Collective.
     type(model_t), intent(inout) :: model
@@ -163,17 +194,15 @@ contains
     integer, intent(in) :: cell, particle(:)
     real(wp), allocatable, intent(in) :: centre(:, :, :)
     type(cell_operators_t), intent(inout) :: operators
-    integer :: handle
 
-    handle = merge(model%p%position_at_build, model%p%position, model%p%position_at_build > 0)
     if (allocated(centre)) then
       call cell_strain_operators(model%grid, cell, model%patch(particle), &
-                                 model%particles%field(handle)%values(:, particle), &
+                                 model%particles%field(model%p%position)%values(:, particle), &
                                  model%weight(particle), model%averaged, centre(:, :, cell), &
                                  operators)
     else
       call cell_strain_operators(model%grid, cell, model%patch(particle), &
-                                 model%particles%field(handle)%values(:, particle), &
+                                 model%particles%field(model%p%position)%values(:, particle), &
                                  model%weight(particle), model%averaged, operators=operators)
     end if
   end subroutine operators_of_cell
@@ -190,7 +219,7 @@ contains
     integer :: c, p, i, j, a, column, node, k
     logical :: keeps_held
 
-    keeps_held = any(model%scene%mechanical_condition%kind == 'velocity' .or. &
+    keeps_held = self%is_dynamic .or. any(model%scene%mechanical_condition%kind == 'velocity' .or. &
                      model%scene%mechanical_condition%kind == 'normal_velocity')
     call cell_lists(model%particles%count, model%cell, model%grid%n_cell, start, particle)
     call centre_operators(model, centre)
@@ -204,6 +233,7 @@ contains
         row(ndim*(i - 1) + 1:ndim*i) = self%unknowns%row(:, node)
         sign(ndim*(i - 1) + 1:ndim*i) = self%unknowns%sign(:, node)
       end do
+      if (.not. self%is_dynamic) then
       allocate (matrix(ndim*operators%n_node, ndim*operators%n_node), source=0.0_wp)
       do p = 1, size(operators%strain, 3)
         k = particle(start(c) + p - 1)
@@ -228,6 +258,8 @@ contains
         end do
       end do
       if (keeps_held) call keep_held(self, operators, matrix)
+      deallocate (matrix)
+      end if
       if (model%coupled) then
         do p = 1, size(operators%strain, 3)
           k = particle(start(c) + p - 1)
@@ -241,7 +273,7 @@ contains
           end do
         end do
       end if
-      deallocate (row, sign, matrix)
+      deallocate (row, sign)
     end do
     do i = 1, size(self%unknowns%own_node)
       node = self%unknowns%own_node(i)
@@ -250,7 +282,11 @@ contains
         if (self%unknowns%row(a, node) /= column) call skeleton%add(column, column, 1.0_wp)
       end do
     end do
-    call add_walls(self, model, skeleton)
+    if (self%is_dynamic) then
+      call add_masses(self, model, skeleton)
+    else
+      call add_walls(self, model, skeleton)
+    end if
     call skeleton%finish()
     call pressure_force%finish()
     call volume_change%finish()
@@ -281,6 +317,49 @@ contains
       end do
     end do
   end subroutine keep_held
+
+  subroutine add_masses(self, model, skeleton)
+    !! Nodal masses on the diagonal.
+    class(implicit_system_t), intent(in) :: self
+    type(model_t), intent(in) :: model
+    type(entries_t), intent(inout) :: skeleton
+    integer :: k, a, node
+
+    do k = 1, size(self%unknowns%own_node)
+      node = self%unknowns%own_node(k)
+      do a = 1, ndim
+        call skeleton%add(self%unknowns%row(a, node), self%unknowns%row(a, node), &
+                          max(model%nodal(1, node), model%inertia(node))*self%length/self%force)
+      end do
+    end do
+  end subroutine add_masses
+
+  subroutine implicit_set_step(self, dt, err)
+    !! Puts the step into the inertia; nothing to do when it is that of the last one.
+    class(implicit_system_t), intent(inout) :: self
+    real(wp), intent(in) :: dt   !! [s]
+    type(error_t), intent(inout) :: err
+
+    if (abs(dt - self%inertia_step) <= 1.0e-12_wp*dt) return
+    call self%system%set_values(block_u, block_u, self%inertia/dt**2, err)
+    self%inertia_step = dt
+  end subroutine implicit_set_step
+
+  subroutine implicit_volume_change(self, motion, change)
+    !! Volume change of every particle's part of the body in a motion of the nodes.
+    class(implicit_system_t), intent(in) :: self
+    real(wp), intent(in) :: motion(:, :)     !! (ndim, n_node) [m]
+    real(wp), intent(out) :: change(:)       !! of the particles [m3]
+    integer :: k, column
+
+    change = 0.0_wp
+    do k = 1, self%held_water%n
+      column = self%held_water%column(k) - 1
+      change(self%held_water%row(k)) = change(self%held_water%row(k)) + &
+                                       self%held_water%value(k)*self%volume* &
+                                       motion(mod(column, ndim) + 1, column/ndim + 1)
+    end do
+  end subroutine implicit_volume_change
 
   subroutine add_walls(self, model, skeleton)
     !! Springs of penalty walls.
@@ -492,7 +571,7 @@ contains
     type(model_t), intent(inout) :: model
     real(wp), intent(in) :: prescribed(:, :)      !! (ndim, n_node) [m]
     real(wp), intent(inout) :: load(:, :), water(:)
-    real(wp), allocatable :: reaction(:, :)
+    real(wp), allocatable :: reaction(:, :), change(:)
     integer :: k, row, column
 
     allocate (reaction(ndim, model%grid%n_node), source=0.0_wp)
@@ -506,11 +585,8 @@ contains
     call model%grid%node_map%scatter_add(model%comm, ndim, reaction)
     call model%grid%node_map%gather(model%comm, ndim, reaction)
     load = load - reaction
-    do k = 1, self%held_water%n
-      column = self%held_water%column(k) - 1
-      water(self%held_water%row(k)) = water(self%held_water%row(k)) - &
-                                      self%held_water%value(k)*self%volume* &
-                                      prescribed(mod(column, ndim) + 1, column/ndim + 1)
-    end do
+    allocate (change(size(water)))
+    call self%volume_change(prescribed, change)
+    water = water - change
   end subroutine subtract_held
 end module dosui_implicit_system

@@ -56,7 +56,7 @@ contains
     integer :: c
 
     call model%timers%start(model%phase%assembly)
-    call self%system%build(model, err)
+    call self%system%build(model, .false., err)
     call model%timers%stop(model%phase%assembly)
     self%corner = [real(wp) ::]
     do c = 1, size(model%scene%mechanical_condition)

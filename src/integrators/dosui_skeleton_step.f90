@@ -14,7 +14,8 @@ module dosui_skeleton_step
 
   real(wp), parameter :: light_node = 1.0e-6_wp   !! of a full cell's mass [-]
 
-  public :: gather_forces, update_nodes, update_particles, zero_velocities, nodal_accelerations
+  public :: gather_forces, update_nodes, update_particles, zero_velocities, nodal_accelerations, &
+            light_node_mass
 
 contains
 
@@ -162,8 +163,7 @@ contains
                        damping_at(model%damping_kind, model%damping, model%damping_start, &
                                   model%clock%time), model%grid%n_node, model%nodal)
     end if
-    call advance_velocities(model%grid%n_node, model%clock%dt, &
-                            light_node*model%density*model%grid%spacing**ndim, &
+    call advance_velocities(model%grid%n_node, model%clock%dt, light_node_mass(model), &
                             model%inertia, model%nodal, &
                             model%velocity_old, model%velocity)
     call model%nodal_conditions%apply(model%comm, model%scene%mechanical_condition, model%grid, &
@@ -178,8 +178,7 @@ contains
     type(model_t), intent(inout) :: model
     real(wp), intent(out) :: acceleration(:, :)   !! (ndim, n_node) [m/s2]
 
-    call advance_velocities(model%grid%n_node, 1.0_wp, &
-                            light_node*model%density*model%grid%spacing**ndim, &
+    call advance_velocities(model%grid%n_node, 1.0_wp, light_node_mass(model), &
                             model%inertia, model%nodal, &
                             model%velocity_old, acceleration)
     call model%nodal_conditions%apply(model%comm, model%scene%mechanical_condition, model%grid, &
@@ -187,6 +186,13 @@ contains
                                       max(model%nodal(1, :), model%inertia), &
                                       model%velocity_old, acceleration, at_rest=.true.)
   end subroutine nodal_accelerations
+
+  pure real(wp) function light_node_mass(model) result(mass)
+    !! Nodes with no more than this keep their velocity [kg].
+    type(model_t), intent(in) :: model
+
+    mass = light_node*model%density*model%grid%spacing**ndim
+  end function light_node_mass
 
   pure subroutine advance_velocities(n, dt, least_mass, inertia, nodal, velocity_old, velocity)
     !! Kernel: v = p/m, v + dt f/m. A node that particles hardly touch keeps its velocity, since

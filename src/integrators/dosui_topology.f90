@@ -165,7 +165,7 @@ contains
     per_brick = real(total, wp)/real(bricks_per_rank*model%comm%size, wp)
     ! whole blocks of 2 cells, so that no block is shared, unless there are too few of them
     model%brick_edge = max(1, int((per_brick/per_cell)**(1.0_wp/ndim)))
-    if (model%integrator == 'quasi_static') model%brick_edge = max(2, model%brick_edge)
+    if (model%integrator /= 'explicit') model%brick_edge = max(2, model%brick_edge)
     if (model%brick_edge > 1) model%brick_edge = model%brick_edge - mod(model%brick_edge, 2)
     key = brick_keys(model, model%particles%count, &
                      model%particles%field(build_handle(model))%values)
@@ -338,12 +338,20 @@ contains
                                      field(surface_handle)%values(:, 1:m), &
                                      field(h%normal)%values(:, 1:m), &
                                      field(h%area)%values(1, 1:m), nodal(1, :), model%density, &
-                                     model%stiffest, model%scene%mechanics%penalty, &
+                                     wall_modulus(model), model%scene%mechanics%penalty, &
                                      model%by_force, host)
     end associate
     model%lifted = model%centred .and. &
                    model%comm%any(model%surface_forces%has_lifts(model%scene%mechanical_condition))
   end subroutine build_conditions
+
+  pure real(wp) function wall_modulus(model) result(modulus)
+    !! The modulus that penalty walls resist: the stiffest one that steps see [Pa].
+    type(model_t), intent(in) :: model
+
+    modulus = model%stiffest
+    if (model%integrator == 'semi_implicit') modulus = model%skeleton_modulus
+  end function wall_modulus
 
   subroutine build_quadrature(model, handle, surface_handle, cell)
     !! Measures and gradients of cells. In small-strain scenes particles and surface points of
@@ -605,6 +613,10 @@ contains
 
     needed = .false.
     if (.not. model%updated) return
+    if (model%integrator == 'semi_implicit') then
+      needed = .true.   ! its equations want every cell whole on one rank
+      return
+    end if
     fastest = 0.0_wp
     if (model%grid%n_node > 0) fastest = sqrt(maxval(sum(model%velocity**2, dim=1)))
     model%movement = model%movement + model%clock%dt*model%comm%maximum(fastest)

@@ -289,9 +289,9 @@ contains
     call v%name(scene%water_mode, &
                 key('water', 'pore water: none (dry soil) or saturated', choices='none saturated'))
     call v%name(scene%integrator, &
-                key('integrator', 'how time is stepped: explicit (all waves resolved), '// &
-                    'quasi_static (no inertia, implicit, steps by accuracy) or the one that '// &
-                    'suits the scene', choices='explicit quasi_static auto'))
+                key('integrator', 'explicit: all waves resolved; semi_implicit: waves of the '// &
+                    'skeleton only; quasi_static: no inertia, steps by accuracy; auto: what '// &
+                    'suits the scene', choices='explicit semi_implicit quasi_static auto'))
     call v%name(scene%deformation, &
                 key('deformation', 'small_strain: the geometry stays as it is; updated: '// &
                     'particles move through the grid', choices='small_strain updated'))

@@ -42,6 +42,7 @@ module dosui_block_system
     integer :: first(2) = 0              !! the first of them among all ranks' [from 0]
     integer :: n_all(2) = 0              !! rows of all ranks
     logical :: is_direct = .true.
+    logical :: is_dynamic = .false.      !! K is diagonal
     integer :: n_iteration = 0           !! of all solves so far
     integer :: most_iterations = 0       !! of one solve
     integer :: n_solve = 0
@@ -69,12 +70,13 @@ module dosui_block_system
 
 contains
 
-  subroutine system_init(self, comm, n_u, n_p, is_direct, err)
+  subroutine system_init(self, comm, n_u, n_p, is_direct, is_dynamic, err)
     !! Gives the system its size on this rank; entries follow.
     class(block_system_t), intent(inout) :: self
     type(communicator_t), intent(in) :: comm
     integer, intent(in) :: n_u, n_p        !! rows of this rank
     logical, intent(in) :: is_direct       !! factorise
+    logical, intent(in) :: is_dynamic      !! K is diagonal
     type(error_t), intent(inout) :: err
     integer(i8) :: total(2), before(2)
     integer :: status
@@ -95,6 +97,7 @@ contains
     self%n_all = int(total)
     self%first = int(before)
     self%is_direct = is_direct
+    self%is_dynamic = is_dynamic
   end subroutine system_init
 
   subroutine make_matrix(self, row_block, column_block, row, column, mat, status)
@@ -128,7 +131,7 @@ contains
                           self%block(row_block, column_block)%mat, status)
     self%block(row_block, column_block)%is_set = .true.
     if (row_block == block_p .and. column_block == block_p .and. self%n_all(1) > 0 .and. &
-        .not. self%is_direct) then
+        .not. (self%is_direct .or. self%is_dynamic)) then
       if (status == 0) call self%make_matrix(row_block, column_block, row, column, self%schur%mat, &
                                              status)
       self%schur%is_set = .true.
@@ -250,7 +253,7 @@ contains
         operator = self%whole
         for_preconditioner = operator
       else
-        blocks(4) = self%schur%mat
+        if (.not. self%is_dynamic) blocks(4) = self%schur%mat
         if (status == 0) status = mat_create_nest(petsc_world, 2, c_null_ptr, 2, c_null_ptr, &
                                                   blocks, self%smooth_nest)
         for_preconditioner = self%smooth_nest
@@ -258,8 +261,10 @@ contains
     end if
     prefix = 'dosui_'//trim(merge('direct ', merge('split  ', merge('elastic', 'water  ', &
                             alone == block_u), alone == 0), self%is_direct))//'_'
-    call petsc_set_options(solver_options(prefix, self%is_direct, is_split, alone, self%size), &
-                           status)
+    if (status == 0) then
+      call petsc_set_options(solver_options(prefix, self%is_direct, self%is_dynamic, is_split, &
+                                            alone, self%size), status)
+    end if
     if (status == 0) status = ksp_create(petsc_world, self%ksp)
     if (status == 0) status = ksp_set_prefix(self%ksp, prefix)
     if (status == 0) status = ksp_set_operators(self%ksp, operator, for_preconditioner)
@@ -273,10 +278,10 @@ contains
     end if
   end subroutine build_solver
 
-  function solver_options(prefix, is_direct, is_split, alone, n_rank) result(options)
+  function solver_options(prefix, is_direct, is_dynamic, is_split, alone, n_rank) result(options)
     !! PETSc's options for the solver.
     character(len=*), intent(in) :: prefix
-    logical, intent(in) :: is_direct, is_split
+    logical, intent(in) :: is_direct, is_dynamic, is_split
     integer, intent(in) :: alone
     integer, intent(in) :: n_rank
     character(len=:), allocatable :: options, factor
@@ -290,7 +295,17 @@ contains
         options = options//' -'//factor//'ksp_type preonly'
       end if
       options = options//' -'//factor//'pc_type lu'// &
-                ' -'//factor//'pc_factor_mat_solver_type mumps'
+                ' -'//factor//'pc_factor_mat_solver_type umfpack'
+    else if (is_split .and. is_dynamic) then
+      ! K is diagonal, so that the Schur complement can be had as a matrix
+      options = '-'//prefix//'ksp_type fgmres -'//prefix//'pc_type fieldsplit'// &
+                ' -'//prefix//'pc_fieldsplit_type schur'// &
+                ' -'//prefix//'pc_fieldsplit_schur_fact_type full'// &
+                ' -'//prefix//'pc_fieldsplit_schur_precondition selfp'// &
+                ' -'//prefix//'fieldsplit_u_ksp_type preonly'// &
+                ' -'//prefix//'fieldsplit_u_pc_type jacobi'// &
+                ' -'//prefix//'fieldsplit_p_ksp_type preonly'// &
+                water_options(prefix//'fieldsplit_p_')
     else if (is_split) then
       options = '-'//prefix//'ksp_type fgmres -'//prefix//'ksp_gmres_restart 60'// &
                 ' -'//prefix//'pc_type fieldsplit -'//prefix//'pc_fieldsplit_type multiplicative'// &

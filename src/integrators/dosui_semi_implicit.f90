@@ -1,0 +1,174 @@
+!! Semi-implicit steps: explicit momentum, implicit pressure (incremental projection).
+!!
+!! Forces with the pressures of t_n give a trial motion v*; the pressures then change so that the
+!! water's continuity holds with the motion they cause:
+!!     v* = v + dt M^-1 f(p_n)
+!!     (S - dt VL + dt^2 D M^-1 Q) dp = dt F(p_n) - dt VPD v*
+!!     v  = v* + dt M^-1 Q dp
+!! The step is limited by the skeleton's wave only, for any conductivity and any K_w. Without p_n
+!! in v* the projection would leak like a conductivity dt gamma_w/rho, so it is there.
+module dosui_semi_implicit
+  use dosui_kinds, only: wp
+  use dosui_dimension, only: ndim
+  use dosui_error, only: error_t
+  use dosui_explicit, only: damping_limit, fastest_particle
+  use dosui_implicit_system, only: implicit_system_t
+  use dosui_model, only: model_t
+  use dosui_skeleton_step, only: gather_forces, update_nodes, update_particles
+  use dosui_text, only: to_text
+  use dosui_time_control, only: step_limit_t
+  use dosui_water_step, only: surface_elevation, water_rate
+  implicit none
+  private
+
+  real(wp), parameter :: direct_tolerance = 1.0e-12_wp   !! of a factorised solution [-]
+  real(wp), parameter :: wall_share = 0.6_wp   !! of the wave's limit, measured [-]
+  integer, parameter :: attempts = 6                     !! at one step
+
+  type, public :: semi_implicit_t
+    type(implicit_system_t) :: system
+    integer :: n_failed = 0             !! linear solutions that did not converge
+    logical, private :: is_built = .false.
+    integer, private :: rebuilds = -1   !! of the geometry that the equations belong to
+  contains
+    procedure :: step => semi_implicit_step
+    procedure :: describe => semi_implicit_describe
+  end type semi_implicit_t
+
+  public :: choose_semi_implicit_step
+
+contains
+
+  subroutine semi_implicit_step(self, model, err)
+    !! Advances the state by the clock's step, or by half of it as often as the linear solver fails.
+    !! Collective.
+    class(semi_implicit_t), intent(inout) :: self
+    type(model_t), intent(inout) :: model
+    type(error_t), intent(inout) :: err
+    type(error_t) :: failure
+    real(wp), allocatable :: pressure(:)
+    integer :: k, n
+
+    n = model%particles%count
+    call gather_forces(model)
+    do k = 1, attempts
+      failure = error_t()
+      call update_nodes(model)
+      call find_pressure(self, model, pressure, failure)
+      if (.not. failure%failed()) exit
+      self%n_failed = self%n_failed + 1
+      if (k == attempts) then
+        call err%set('semi-implicit step at t = '//to_text(model%clock%time)//' s: '// &
+                     failure%message)
+        return
+      end if
+      model%clock%dt = 0.5_wp*model%clock%dt
+      call model%log%warning(failure%message//'; step repeated with dt = '// &
+                             to_text(model%clock%dt)//' s')
+    end do
+    associate (values => model%particles%field(model%p%pore_pressure)%values)
+      values(1, 1:n) = values(1, 1:n) + pressure
+    end associate
+    call update_particles(model, err)
+  end subroutine semi_implicit_step
+
+  subroutine find_pressure(self, model, pressure, err)
+    !! Changes of the pressures, and the nodal velocities with them.
+    class(semi_implicit_t), intent(inout) :: self
+    type(model_t), intent(inout) :: model
+    real(wp), allocatable, intent(out) :: pressure(:)   !! of the particles [Pa]
+    type(error_t), intent(inout) :: err
+    real(wp), allocatable :: motion(:, :), none(:, :), supply(:), squeezed(:)
+    integer :: n
+
+    n = model%particles%count
+    call prepare(self, model, err)
+    if (err%failed()) return
+    allocate (motion(ndim, model%grid%n_node), none(ndim, model%grid%n_node), source=0.0_wp)
+    allocate (pressure(n), supply(n), squeezed(n), source=0.0_wp)
+    call find_supply(model, supply)
+    call self%system%volume_change(model%clock%dt*model%velocity, squeezed)
+    supply = supply - squeezed
+    call model%timers%start(model%phase%solver)
+    call self%system%solve(model, model%clock%dt, none, model%clock%time, none, .false., supply, &
+                           merge(direct_tolerance, self%system%tolerance, &
+                                 self%system%system%is_direct), .false., motion, pressure, err, &
+                           without_loads=.true.)
+    call model%timers%stop(model%phase%solver)
+    if (err%failed()) return
+    model%velocity = model%velocity + motion/model%clock%dt
+  end subroutine find_pressure
+
+  subroutine prepare(self, model, err)
+    !! The equations for the geometry and the step at hand.
+    class(semi_implicit_t), intent(inout) :: self
+    type(model_t), intent(inout) :: model
+    type(error_t), intent(inout) :: err
+
+    call model%timers%start(model%phase%assembly)
+    if (.not. self%is_built .or. self%rebuilds /= model%rebuilds) then
+      call self%system%build(model, .true., err)
+      self%is_built = .true.
+      self%rebuilds = model%rebuilds
+    end if
+    if (.not. err%failed()) call self%system%set_step(model%clock%dt, err)
+    call model%timers%stop(model%phase%assembly)
+  end subroutine prepare
+
+  subroutine find_supply(model, supply)
+    !! Water that flows into each particle in the step at the pressures of t_n [m3].
+    type(model_t), intent(inout) :: model
+    real(wp), intent(inout) :: supply(:)
+    real(wp), allocatable :: elevation(:), pressure(:)
+    integer :: n
+
+    call model%timers%start(model%phase%water)
+    n = size(supply)
+    pressure = model%particles%field(model%p%pore_pressure)%values(1, 1:n)
+    call surface_elevation(model, elevation)
+    call model%hydraulic_conditions%set_time(model%scene%hydraulic_condition, &
+                                             model%clock%time + model%clock%dt, &
+                                             model%scene%water%unit_weight, elevation)
+    call water_rate(model, pressure, supply)
+    supply = model%clock%dt*model%weight*supply
+    call model%timers%stop(model%phase%water)
+  end subroutine find_supply
+
+  subroutine choose_semi_implicit_step(model)
+    !! Step from the skeleton's wave, its damping and the particles' speed.
+    type(model_t), intent(inout) :: model
+    type(step_limit_t) :: limits(4)
+    real(wp) :: speed
+
+    associate (courant => model%scene%time%courant, h => model%scene%grid_spacing)
+      limits(1)%name = 'skeleton wave speed'
+      limits(1)%dt = courant*h/sqrt(model%skeleton_modulus/model%density)
+      if (model%lifted) then
+        limits(4)%name = 'walls off the grid lines'
+        limits(4)%dt = wall_share*limits(1)%dt
+      end if
+      limits(2)%name = 'viscous damping'
+      limits(2)%dt = courant*damping_limit(model)
+      if (model%updated) then
+        speed = fastest_particle(model)
+        limits(3)%name = 'particle speed'
+        if (speed > 0.0_wp) limits(3)%dt = courant*h/speed
+      end if
+    end associate
+    call model%clock%choose_step(model%scene%time, limits)
+  end subroutine choose_semi_implicit_step
+
+  function semi_implicit_describe(self) result(text)
+    !! Linear solutions so far, for the closing summary.
+    class(semi_implicit_t), intent(in) :: self
+    character(len=:), allocatable :: text
+
+    associate (system => self%system%system)
+      text = 'steps repeated '//to_text(self%n_failed)//' for the solver; '// &
+             trim(merge('direct   ', 'iterative', system%is_direct))//' solutions '// &
+             to_text(system%n_solve)//', set-ups '//to_text(system%n_setup)
+      if (.not. system%is_direct) text = text//', iterations '//to_text(system%n_iteration)// &
+                                  ' (at most '//to_text(system%most_iterations)//')'
+    end associate
+  end function semi_implicit_describe
+end module dosui_semi_implicit

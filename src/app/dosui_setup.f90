@@ -8,6 +8,7 @@ module dosui_setup
                            fastest_damping
   use dosui_error, only: error_t
   use dosui_initial_state, only: apply_initial_state
+  use dosui_integrator_choice, only: choose_integrator
   use dosui_model, only: model_t
   use dosui_particle_fields, only: register_particle_fields, register_surface_fields
   use dosui_scene, only: scene_t
@@ -46,11 +47,12 @@ contains
     end do
     model%spacing = minval([(region_spacing(scene, scene%region(k)), k=1, size(scene%region))])
     affine = scene%mechanics%transfer == 'apic' .and. .not. model%rigid
-    model%integrator = scene%integrator
+    call model%materials%init(scene%material, err)
+    call choose_integrator(scene, model%materials, model%spacing, model%choice)
+    model%integrator = model%choice%name
     call register_particle_fields(model%particles, model%p, model%coupled, affine, model%updated, &
                                   model%integrator == 'quasi_static')
     call register_surface_fields(model%surface, model%s, model%updated)
-    call model%materials%init(scene%material, err)
     call add_timers(model)
     call model%clock%init(scene%time)
   end subroutine setup_model
@@ -106,8 +108,29 @@ contains
     call build_geometry(model, err)
     if (model%integrator /= 'explicit' .and. .not. err%failed()) call join_parts(model, err)
     model%movement = movement
+    if (model%integrator /= 'explicit' .and. .not. err%failed()) call check_walls(model, err)
     call model%comm%agree(err)
   end subroutine finish_setup
+
+  subroutine check_walls(model, err)
+    !! Penalty walls that implicit steps cannot have. Collective.
+    type(model_t), intent(in) :: model
+    type(error_t), intent(inout) :: err
+    integer :: c
+
+    do c = 1, size(model%scene%mechanical_condition)
+      associate (condition => model%scene%mechanical_condition(c))
+        select case (condition%kind)
+        case ('plate', 'velocity', 'normal_velocity')
+          if (model%comm%any(any(model%by_force(c, :)))) then
+            call err%set('surface '''//trim(condition%surface)//''': a '//trim(condition%kind)// &
+                         ' condition off the grid lines works with integrator = ''explicit'' only')
+          end if
+        case default   ! loads and walls at rest
+        end select
+      end associate
+    end do
+  end subroutine check_walls
 
   subroutine find_moduli(model)
     !! Largest drained and undrained modulus, and the mean density of the undeformed body.
@@ -180,6 +203,7 @@ contains
                         to_text(model%partition%imbalance)//', bricks of cells '// &
                         to_text(model%partition%n_brick)//', cut faces '// &
                         to_text(model%partition%edge_cut))
+    call model%log%info('integrator   '//model%choice%describe())
     if (smallest == 0 .and. model%comm%size > 1) then
       call model%log%warning('some ranks hold no particle: fewer ranks would do')
     end if

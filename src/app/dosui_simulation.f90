@@ -60,10 +60,7 @@ contains
     call describe_model(model)
     status = status_finished
     if (check_only) then
-      call choose_explicit_step(model)
-      call model%log%info('time step    '//to_text(model%clock%dt)//' s, limited by '// &
-                          trim(model%clock%limit%name)//'; about '// &
-                          to_text(nint(scene%time%end_time/model%clock%limit%dt, i8))//' steps')
+      call say_step(model)
       call model%log%info('the scene is valid; nothing was computed')
       return
     end if
@@ -75,6 +72,21 @@ contains
     if (report(model, problems, err)) return
     call summarise(model, status)
   end subroutine run_scene
+
+  subroutine say_step(model)
+    !! The first time step, and what limits it.
+    type(model_t), intent(inout) :: model
+
+    if (model%integrator == 'quasi_static') return   ! it is chosen by its error
+    if (model%integrator == 'semi_implicit') then
+      call choose_semi_implicit_step(model)
+    else
+      call choose_explicit_step(model)
+    end if
+    call model%log%info('time step    '//to_text(model%clock%dt)//' s, limited by '// &
+                        trim(model%clock%limit%name)//'; about '// &
+                        to_text(nint(model%scene%time%end_time/model%clock%limit%dt, i8))//' steps')
+  end subroutine say_step
 
   logical function report(model, problems, err) result(failed)
     !! Tells the user about problems of the scene or an error.
@@ -379,7 +391,7 @@ contains
     type(model_t), intent(inout) :: model
     real(wp), intent(in) :: before(:, :)      !! displacements [m]
     integer, intent(inout) :: n_solution      !! that changed anything
-    real(wp), intent(inout) :: first          !! the first change of a displacement [m]; < 0: none yet
+    real(wp), intent(inout) :: first          !! the first of these changes [m]; < 0: none yet
     type(error_t), intent(inout) :: err
     type(quasi_static_t) :: solver
     real(wp) :: change

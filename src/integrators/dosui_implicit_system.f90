@@ -208,80 +208,37 @@ contains
   end subroutine operators_of_cell
 
   subroutine build_skeleton(self, model, skeleton, pressure_force, volume_change)
-    !! Entries of K, -Q and VPD, cell by cell, and of penalty walls.
+    !! Entries of K (or of the inertia), -Q and VPD, cell by cell, and of penalty walls.
     class(implicit_system_t), intent(inout) :: self
     type(model_t), intent(inout) :: model
     type(entries_t), intent(inout) :: skeleton, pressure_force, volume_change
     type(cell_operators_t) :: operators
-    integer, allocatable :: start(:), particle(:), row(:)
-    real(wp), allocatable :: centre(:, :, :), matrix(:, :), sign(:), divergence(:)
-    real(wp) :: tangent(nsig, nsig), hourglass(nsig, ndim*2**ndim, 2**ndim)
-    integer :: c, p, i, j, a, column, node, k
-    logical :: keeps_held
+    integer, allocatable :: start(:), particle(:)
+    real(wp), allocatable :: centre(:, :, :)
+    real(wp) :: hourglass(nsig, ndim*2**ndim, 2**ndim)
+    integer :: c
+    logical :: walls_move
 
-    keeps_held = self%is_dynamic .or. any(model%scene%mechanical_condition%kind == 'velocity' .or. &
-                     model%scene%mechanical_condition%kind == 'normal_velocity')
+    associate (kind => model%scene%mechanical_condition%kind)
+      walls_move = any(kind == 'velocity' .or. kind == 'normal_velocity')
+    end associate
     call cell_lists(model%particles%count, model%cell, model%grid%n_cell, start, particle)
     call centre_operators(model, centre)
     call hourglass_operators(model%grid%spacing, hourglass)
     do c = 1, model%grid%n_cell
       if (start(c + 1) == start(c)) cycle
-      call operators_of_cell(model, c, particle(start(c):start(c + 1) - 1), centre, operators)
-      allocate (row(ndim*operators%n_node), sign(ndim*operators%n_node))
-      do i = 1, operators%n_node
-        node = operators%node(i)
-        row(ndim*(i - 1) + 1:ndim*i) = self%unknowns%row(:, node)
-        sign(ndim*(i - 1) + 1:ndim*i) = self%unknowns%sign(:, node)
-      end do
-      if (.not. self%is_dynamic) then
-      allocate (matrix(ndim*operators%n_node, ndim*operators%n_node), source=0.0_wp)
-      do p = 1, size(operators%strain, 3)
-        k = particle(start(c) + p - 1)
-        call model%materials%item(model%material(k))%model%tangent( &
-          model%particles%field(model%p%effective_stress)%values(:, k), model%state(:, k), tangent)
-        matrix = matrix + model%weight(k)* &
-                 matmul(transpose(operators%strain(:, :, p)), &
-                        matmul(tangent, operators%strain(:, :, p)))
-      end do
-      if (size(operators%strain, 3) == 1 .and. allocated(centre)) then
-        ! of the cell's corners, which come first in its list
-        a = ndim*2**ndim
-        do p = 1, 2**ndim
-          matrix(1:a, 1:a) = matrix(1:a, 1:a) + hourglass_stiffness/2**ndim*model%weight(k)* &
-                             matmul(transpose(hourglass(:, :, p)), &
-                                    matmul(tangent, hourglass(:, :, p)))
-        end do
-      end if
-      do j = 1, size(row)
-        do i = 1, size(row)
-          call skeleton%add(row(i), row(j), sign(i)*sign(j)*matrix(i, j)*self%length/self%force)
-        end do
-      end do
-      if (keeps_held) call keep_held(self, operators, matrix)
-      deallocate (matrix)
-      end if
-      if (model%coupled) then
-        do p = 1, size(operators%strain, 3)
-          k = particle(start(c) + p - 1)
-          divergence = model%weight(k)*operators%volume(:, p)*self%length/self%volume
-          do i = 1, size(row)
-            if (.not. abs(divergence(i)) > 0.0_wp) cycle
-            call volume_change%add(self%unknowns%particle_row(k), row(i), sign(i)*divergence(i))
-            call pressure_force%add(row(i), self%unknowns%particle_row(k), -sign(i)*divergence(i))
-            if (keeps_held) call self%held_water%add(k, place_of(operators, i), &
-                                                     divergence(i)/self%length)
-          end do
-        end do
-      end if
-      deallocate (row, sign)
+      associate (inside => particle(start(c):start(c + 1) - 1))
+        call operators_of_cell(model, c, inside, centre, operators)
+        if (.not. self%is_dynamic) then
+          call add_stiffness(self, model, operators, inside, hourglass, walls_move, skeleton)
+        end if
+        if (model%coupled) then
+          call add_coupling(self, model, operators, inside, walls_move .or. self%is_dynamic, &
+                            pressure_force, volume_change)
+        end if
+      end associate
     end do
-    do i = 1, size(self%unknowns%own_node)
-      node = self%unknowns%own_node(i)
-      do a = 1, ndim
-        column = self%unknowns%own_row(a, node)
-        if (self%unknowns%row(a, node) /= column) call skeleton%add(column, column, 1.0_wp)
-      end do
-    end do
+    call add_ones(self, skeleton)
     if (self%is_dynamic) then
       call add_masses(self, model, skeleton)
     else
@@ -293,6 +250,109 @@ contains
     call self%held%finish()
     call self%held_water%finish()
   end subroutine build_skeleton
+
+  subroutine add_stiffness(self, model, operators, particle, hourglass, keeps_held, skeleton)
+    !! Stiffness of one cell.
+    class(implicit_system_t), intent(inout) :: self
+    type(model_t), intent(in) :: model
+    type(cell_operators_t), intent(in) :: operators
+    integer, intent(in) :: particle(:)          !! of the cell
+    real(wp), intent(in) :: hourglass(:, :, :)  !! as from `hourglass_operators`
+    logical, intent(in) :: keeps_held           !! columns of held components, too
+    type(entries_t), intent(inout) :: skeleton
+    real(wp) :: matrix(ndim*operators%n_node, ndim*operators%n_node), tangent(nsig, nsig)
+    integer :: p, i, j, k, m
+
+    matrix = 0.0_wp
+    do p = 1, size(particle)
+      k = particle(p)
+      call model%materials%item(model%material(k))%model%tangent( &
+        model%particles%field(model%p%effective_stress)%values(:, k), model%state(:, k), tangent)
+      matrix = matrix + model%weight(k)*product_of(operators%strain(:, :, p), tangent)
+    end do
+    if (size(particle) == 1 .and. model%centred) then
+      m = ndim*2**ndim   ! the cell's corners come first in its list of nodes
+      do p = 1, 2**ndim
+        matrix(1:m, 1:m) = matrix(1:m, 1:m) + hourglass_stiffness/2**ndim*model%weight(k)* &
+                           product_of(hourglass(:, :, p), tangent)
+      end do
+    end if
+    matrix = matrix*(self%length/self%force)
+    do j = 1, size(matrix, 2)
+      do i = 1, size(matrix, 1)
+        call skeleton%add(row_of(i), row_of(j), sign_of(i)*sign_of(j)*matrix(i, j))
+      end do
+    end do
+    if (keeps_held) call keep_held(self, operators, matrix*(self%force/self%length))
+
+  contains
+
+    pure function product_of(strain, modulus) result(stiffness)
+      !! E^T D E.
+      real(wp), intent(in) :: strain(:, :), modulus(:, :)
+      real(wp) :: stiffness(size(strain, 2), size(strain, 2))
+
+      stiffness = matmul(transpose(strain), matmul(modulus, strain))
+    end function product_of
+
+    pure integer function row_of(column)
+      !! Unknown of a column of the cell.
+      integer, intent(in) :: column
+
+      row_of = self%unknowns%row(mod(column - 1, ndim) + 1, operators%node((column - 1)/ndim + 1))
+    end function row_of
+
+    pure real(wp) function sign_of(column)
+      !! Its sign.
+      integer, intent(in) :: column
+
+      sign_of = self%unknowns%sign(mod(column - 1, ndim) + 1, operators%node((column - 1)/ndim + 1))
+    end function sign_of
+  end subroutine add_stiffness
+
+  subroutine add_coupling(self, model, operators, particle, keeps_all, pressure_force, &
+                          volume_change)
+    !! Volume changes of one cell's particles, and the forces of their pressures.
+    class(implicit_system_t), intent(inout) :: self
+    type(model_t), intent(in) :: model
+    type(cell_operators_t), intent(in) :: operators
+    integer, intent(in) :: particle(:)   !! of the cell
+    logical, intent(in) :: keeps_all     !! all columns are wanted later
+    type(entries_t), intent(inout) :: pressure_force, volume_change
+    real(wp) :: share, sign
+    integer :: p, i, k, a, node, row
+
+    do p = 1, size(particle)
+      k = particle(p)
+      do i = 1, size(operators%volume, 1)
+        share = model%weight(k)*operators%volume(i, p)
+        if (.not. abs(share) > 0.0_wp) cycle
+        a = mod(i - 1, ndim) + 1
+        node = operators%node((i - 1)/ndim + 1)
+        row = self%unknowns%row(a, node)
+        sign = self%unknowns%sign(a, node)*self%length/self%volume
+        call volume_change%add(self%unknowns%particle_row(k), row, sign*share)
+        call pressure_force%add(row, self%unknowns%particle_row(k), -sign*share)
+        if (keeps_all) call self%held_water%add(k, place_of(operators, i), share/self%volume)
+      end do
+    end do
+  end subroutine add_coupling
+
+  subroutine add_ones(self, skeleton)
+    !! Components that follow no unknown of their own keep a one on the diagonal.
+    class(implicit_system_t), intent(in) :: self
+    type(entries_t), intent(inout) :: skeleton
+    integer :: i, a, row
+
+    do i = 1, size(self%unknowns%own_node)
+      do a = 1, ndim
+        row = self%unknowns%own_row(a, self%unknowns%own_node(i))
+        if (self%unknowns%row(a, self%unknowns%own_node(i)) /= row) then
+          call skeleton%add(row, row, 1.0_wp)
+        end if
+      end do
+    end do
+  end subroutine add_ones
 
   pure integer function place_of(operators, column) result(place)
     !! Place of a cell's column among the components of all nodes, from 1.

@@ -9,6 +9,7 @@ module dosui_model
   use dosui_head_operator, only: head_operator_t
   use dosui_hydraulic_conditions, only: hydraulic_conditions_t
   use dosui_index_map, only: index_map_t
+  use dosui_integrator_choice, only: integrator_choice_t
   use dosui_log, only: log_t
   use dosui_materials, only: material_set_t
   use dosui_nodal_conditions, only: nodal_conditions_t
@@ -45,7 +46,8 @@ module dosui_model
     type(phase_timers_t) :: phase
     type(time_control_t) :: clock
     logical :: coupled = .false.     !! water is computed
-    character(len=name_length) :: integrator = 'explicit'
+    character(len=name_length) :: integrator = 'explicit'   !! never 'auto'
+    type(integrator_choice_t) :: choice      !! why
     logical :: rigid = .false.       !! skeleton does not move: mechanics is skipped
     logical :: updated = .false.     !! particles move, geometry follows
     integer :: inverted = 0          !! a particle that lost all its volume; 0: none

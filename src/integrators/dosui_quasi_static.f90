@@ -23,7 +23,7 @@ module dosui_quasi_static
 
   real(wp), parameter :: gamma = 2.0_wp - sqrt(2.0_wp)
   real(wp), parameter :: error_constant = (-3.0_wp*gamma**2 + 4.0_wp*gamma - 2.0_wp)/ &
-                                          (12.0_wp*(2.0_wp - gamma))
+                         (12.0_wp*(2.0_wp - gamma))
   real(wp), parameter :: first_fraction = 1.0e-5_wp   !! of the run: the first step [-]
   real(wp), parameter :: reject_above = 1.5_wp        !! error over what is allowed [-]
   real(wp), parameter :: largest_growth = 2.0_wp, least_growth = 0.3_wp, safety = 0.9_wp
@@ -43,7 +43,6 @@ module dosui_quasi_static
     procedure :: step => quasi_static_step
     procedure :: describe => quasi_static_describe
     procedure, private :: attempt
-    procedure, private :: accept
   end type quasi_static_t
 
 contains
@@ -145,11 +144,11 @@ contains
       model%next_dt = growth*model%clock%dt
     end do
     if (.not. (error_norm <= reject_above .or. model%scene%time%time_step > 0.0_wp)) then
-      call err%set('quasi-static step at t = '//to_text(model%clock%time)//' s: the error stays '// &
+     call err%set('quasi-static step at t = '//to_text(model%clock%time)//' s: its error stays '// &
                    'too large down to dt = '//to_text(model%clock%dt)//' s')
       return
     end if
-    call self%accept(model, motion, pressure, err)
+    call accept(model, motion, pressure, err)
     if (growth > 1.0_wp .and. growth < worthwhile) growth = 1.0_wp
     model%next_dt = max(growth, merge(1.0_wp, 0.0_wp, error_norm <= 1.0_wp))*model%clock%dt
     call model%clock%advance()
@@ -166,7 +165,7 @@ contains
              trim(merge('direct   ', 'iterative', system%is_direct))//' solutions '// &
              to_text(system%n_solve)//', set-ups '//to_text(system%n_setup)
       if (.not. system%is_direct) text = text//', iterations '//to_text(system%n_iteration)// &
-                                  ' (at most '//to_text(system%most_iterations)//')'
+                                         ' (at most '//to_text(system%most_iterations)//')'
     end associate
   end function quasi_static_describe
 
@@ -224,7 +223,7 @@ contains
     supply = content/(gamma*(2.0_wp - gamma)) + a*flow(:, 3)
     motion = motion/gamma   ! a guess for the whole step
     pressure = pressure/gamma
-    call solve_stage(t + dt, .not. self%system%system%is_direct)
+    call solve_stage(t + dt,.not. self%system%system%is_direct)
     if (err%failed()) return
     call find_flow(model, t + dt, start + pressure, flow(:, 3))
     call estimate_error(self, model, dt, a, flow, start, pressure, error_norm, err)
@@ -286,9 +285,8 @@ contains
     if (allowed > 0.0_wp) error_norm = root_mean_square(model, error_pressure)/allowed
   end subroutine estimate_error
 
-  subroutine accept(self, model, motion, pressure, err)
+  subroutine accept(model, motion, pressure, err)
     !! Puts the increments of a step on particles and surface points.
-    class(quasi_static_t), intent(inout) :: self
     type(model_t), intent(inout) :: model
     real(wp), intent(in) :: motion(:, :)   !! of the nodes [m]
     real(wp), intent(in) :: pressure(:)    !! increments [Pa]

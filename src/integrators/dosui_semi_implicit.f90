@@ -168,7 +168,7 @@ contains
              trim(merge('direct   ', 'iterative', system%is_direct))//' solutions '// &
              to_text(system%n_solve)//', set-ups '//to_text(system%n_setup)
       if (.not. system%is_direct) text = text//', iterations '//to_text(system%n_iteration)// &
-                                  ' (at most '//to_text(system%most_iterations)//')'
+                                         ' (at most '//to_text(system%most_iterations)//')'
     end associate
   end function semi_implicit_describe
 end module dosui_semi_implicit

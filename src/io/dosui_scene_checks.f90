@@ -44,6 +44,7 @@ contains
     call check_states(checker, scene)
     call check_conditions(checker, scene)
     call check_water(checker, scene)
+    call check_integrator(checker, scene)
     call check_output(checker, scene)
     call check_verification(checker, scene)
     problems = checker%problems
@@ -505,6 +506,43 @@ contains
       end select
     end do
   end subroutine check_water
+
+  subroutine check_integrator(checker, scene)
+    !! What the implicit integrators cannot do.
+    type(checker_t), intent(inout) :: checker
+    type(scene_t), intent(in) :: scene
+    logical :: is_wet
+    integer :: k
+
+    if (scene%integrator == 'explicit' .or. scene%integrator == 'auto') return
+    is_wet = scene%water_mode /= 'none'
+    if (is_wet .and. scene%water%operator == 'two_pass') then
+      call checker%complain('water', 1, 'operator', 'two_pass works with integrator = '// &
+                            '''explicit'' only')
+    end if
+    if (scene%integrator == 'quasi_static' .and. scene%deformation == 'updated') then
+      call checker%complain('scene', 1, 'deformation', 'updated has no quasi_static steps: '// &
+                            'use explicit or semi_implicit')
+    end if
+    if (scene%integrator == 'semi_implicit') then
+      if (.not. is_wet) call checker%complain('scene', 1, 'integrator', 'semi_implicit is for '// &
+                                              'scenes with water: dry ones are explicit')
+      if (any(scene%material%rigid)) then
+        call checker%complain('scene', 1, 'integrator', 'semi_implicit needs a skeleton that '// &
+                              'moves: use quasi_static or explicit with rigid materials')
+      end if
+    end if
+    do k = 1, size(scene%mechanical_condition)
+      if (scene%mechanical_condition(k)%imposition /= 'penalty') cycle
+      select case (scene%mechanical_condition(k)%kind)
+      case ('plate', 'velocity', 'normal_velocity')
+        call checker%complain('mechanical_condition', k, 'imposition', &
+                              'a plate or a moving wall by penalty works with integrator = '// &
+                              '''explicit'' only')
+      case default
+      end select
+    end do
+  end subroutine check_integrator
 
   ! ---------------------------------------------------------------- output and verification
 

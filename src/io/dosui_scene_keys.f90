@@ -8,8 +8,8 @@ module dosui_scene_keys
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim
   use dosui_scene, only: scene_t, region_t, material_t, water_t, mechanics_t, initial_state_t, &
-                         surface_t, mechanical_condition_t, hydraulic_condition_t, probe_t, solver_t, &
-                         time_t, output_t, verification_t, table_t, name_length
+                         surface_t, mechanical_condition_t, hydraulic_condition_t, probe_t, &
+                         solver_t, time_t, output_t, verification_t, table_t, name_length
   use dosui_text, only: to_text
   implicit none
   private

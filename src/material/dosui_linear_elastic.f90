@@ -73,11 +73,9 @@ contains
     tangent = 0.0_wp
     if (size(stress) + size(state) < nsig) return   ! it depends on neither
     tangent(1:3, 1:3) = self%lambda
-    do s = 1, 3
-      tangent(s, s) = self%lambda + 2.0_wp*self%shear
-    end do
-    do s = 4, nsig
+    do s = 1, nsig
       tangent(s, s) = self%shear
+      if (s <= 3) tangent(s, s) = self%lambda + 2.0_wp*self%shear
     end do
   end subroutine linear_elastic_tangent
 

@@ -6,16 +6,17 @@
 !! Either block may be missing (rigid skeletons, dry scenes).
 module dosui_block_system
   use, intrinsic :: iso_c_binding, only: c_double, c_int, c_loc, c_null_ptr, c_ptr, c_size_t, &
-                                         c_associated
+                                                                            c_associated
   use, intrinsic :: ieee_exceptions, only: ieee_usual, ieee_get_halting_mode, &
-                                           ieee_set_halting_mode, ieee_set_flag
+                                                                ieee_set_halting_mode, ieee_set_flag
   use dosui_kinds, only: wp, i8
   use dosui_communicator, only: communicator_t
   use dosui_error, only: error_t
-  use dosui_petsc, only: initial_matrix, insert_values, reuse_matrix, ksp_create, ksp_destroy, ksp_get_pc, &
-                         ksp_iterations, ksp_reason, ksp_set_from_options, ksp_set_nonzero_guess, ksp_set_operators, &
-                         ksp_set_prefix, ksp_set_tolerances, ksp_set_up, ksp_solve, mat_convert, &
-                         mat_create, mat_create_nest, mat_destroy, mat_mult, mat_nest_rows, &
+  use dosui_petsc, only: initial_matrix, insert_values, reuse_matrix, ksp_create, ksp_destroy, &
+                         ksp_get_pc, ksp_iterations, ksp_reason, ksp_set_from_options, &
+                         ksp_set_nonzero_guess, ksp_set_operators, ksp_set_prefix, &
+                         ksp_set_tolerances, ksp_set_up, ksp_solve, mat_convert, mat_create, &
+                         mat_create_nest, mat_destroy, mat_mult, mat_nest_rows, &
                          mat_set_block_size, mat_set_near_null_space, mat_set_pattern, &
                          mat_set_sizes, mat_set_type, mat_set_values, null_space_destroy, &
                          pc_set_split, petsc_set_options, petsc_start, petsc_world, &
@@ -260,7 +261,7 @@ contains
       end if
     end if
     prefix = 'dosui_'//trim(merge('direct ', merge('split  ', merge('elastic', 'water  ', &
-                            alone == block_u), alone == 0), self%is_direct))//'_'
+                                               alone == block_u), alone == 0), self%is_direct))//'_'
     if (status == 0) then
       call petsc_set_options(solver_options(prefix, self%is_direct, self%is_dynamic, is_split, &
                                             alone, self%size), status)
@@ -308,7 +309,8 @@ contains
                 water_options(prefix//'fieldsplit_p_')
     else if (is_split) then
       options = '-'//prefix//'ksp_type fgmres -'//prefix//'ksp_gmres_restart 60'// &
-                ' -'//prefix//'pc_type fieldsplit -'//prefix//'pc_fieldsplit_type multiplicative'// &
+                ' -'//prefix//'pc_type fieldsplit'// &
+                ' -'//prefix//'pc_fieldsplit_type multiplicative'// &
                 ' -'//prefix//'pc_fieldsplit_off_diag_use_amat'
       options = options//elastic_options(prefix//'fieldsplit_u_')// &
                 water_options(prefix//'fieldsplit_p_')
@@ -368,7 +370,7 @@ contains
     end if
     if (status == 0) status = ksp_set_tolerances(self%ksp, tolerance, 1.0e-300_c_double, &
                                                  1.0e5_c_double, merge(refinements, &
-                                                 iteration_limit, self%is_direct))
+                                                                   iteration_limit, self%is_direct))
     if (status == 0) status = ksp_set_nonzero_guess(self%ksp, merge(1, 0, is_guess))
     call be_lenient(halting)
     if (status == 0) status = ksp_solve(self%ksp, self%right, self%left)

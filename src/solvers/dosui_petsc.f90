@@ -4,8 +4,8 @@
 !! one compiler version, nor its preprocessor macros. Every function returns an error code, 0 for
 !! success. PETSc starts with the first solver, so that scenes without one never touch it.
 module dosui_petsc
-  use, intrinsic :: iso_c_binding, only: c_char, c_double, c_int, c_null_char, c_null_funptr, &
-                                         c_null_ptr, c_ptr, c_size_t, c_funptr
+  use, intrinsic :: iso_c_binding, only: c_char, c_double, c_int, c_null_char, c_null_ptr, &
+                                                                            c_ptr, c_size_t
   implicit none
   private
 
@@ -15,17 +15,16 @@ module dosui_petsc
             mat_set_near_null_space
   public :: rigid_body_modes, null_space_destroy
   public :: vec_create_parallel, vec_create_serial, vec_place_array, vec_reset_array, vec_destroy
-  public :: vec_set_block_size
-  public :: ksp_create, ksp_set_prefix, ksp_set_operators, ksp_set_tolerances, ksp_set_from_options, &
-            ksp_set_up, ksp_solve, ksp_reason, ksp_iterations, ksp_residual, ksp_get_pc, ksp_destroy, &
-            ksp_set_nonzero_guess, ksp_set_reuse
-  public :: pc_set_split, pc_set_type
+  public :: ksp_create, ksp_set_prefix, ksp_set_operators, ksp_set_tolerances, &
+            ksp_set_from_options, ksp_set_up, ksp_solve, ksp_reason, ksp_iterations, ksp_get_pc, &
+            ksp_destroy, ksp_set_nonzero_guess
+  public :: pc_set_split
 
   integer(c_int), parameter, public :: insert_values = 1   !! equal places are summed all the same
   integer(c_int), parameter, public :: initial_matrix = 0, reuse_matrix = 1
 
   type(c_ptr), bind(c, name='PETSC_COMM_WORLD') :: petsc_world
-  logical, save :: is_started = .false.
+  logical :: is_started = .false.
 
   interface
     integer(c_int) function options_set_value(options, name, value) &
@@ -33,14 +32,16 @@ module dosui_petsc
       import :: c_int, c_ptr, c_char
       implicit none
       type(c_ptr), value :: options
-      character(kind=c_char), intent(in) :: name(*), value(*)   ! allow(C071)
+      ! allow(C071)
+      character(kind=c_char), intent(in) :: name(*), value(*)
     end function options_set_value
     integer(c_int) function options_insert_string(options, text) &
       bind(c, name='PetscOptionsInsertString')
       import :: c_int, c_ptr, c_char
       implicit none
       type(c_ptr), value :: options
-      character(kind=c_char), intent(in) :: text(*)   ! allow(C071)
+      ! allow(C071)
+      character(kind=c_char), intent(in) :: text(*)
     end function options_insert_string
     integer(c_int) function initialize_no_arguments() bind(c, name='PetscInitializeNoArguments')
       import :: c_int
@@ -50,13 +51,6 @@ module dosui_petsc
       import :: c_int
       implicit none
     end function finalize
-    integer(c_int) function push_error_handler(handler, context) &
-      bind(c, name='PetscPushErrorHandler')
-      import :: c_int, c_ptr, c_funptr
-      implicit none
-      type(c_funptr), value :: handler
-      type(c_ptr), value :: context
-    end function push_error_handler
 
     integer(c_int) function mat_create(comm, mat) bind(c, name='MatCreate')
       import :: c_int, c_ptr
@@ -81,7 +75,8 @@ module dosui_petsc
       import :: c_int, c_ptr, c_char
       implicit none
       type(c_ptr), value :: mat
-      character(kind=c_char), intent(in) :: name(*)   ! allow(C071)
+      ! allow(C071)
+      character(kind=c_char), intent(in) :: name(*)
     end function mat_set_type_c
     integer(c_int) function mat_set_pattern(mat, n, row, column) &
       bind(c, name='MatSetPreallocationCOO')
@@ -89,13 +84,15 @@ module dosui_petsc
       implicit none
       type(c_ptr), value :: mat
       integer(c_size_t), value :: n
-      integer(c_int), intent(inout) :: row(*), column(*)   ! allow(C071)
+      ! allow(C071)
+      integer(c_int), intent(inout) :: row(*), column(*)
     end function mat_set_pattern
     integer(c_int) function mat_set_values(mat, values, mode) bind(c, name='MatSetValuesCOO')
       import :: c_int, c_ptr, c_double
       implicit none
       type(c_ptr), value :: mat
-      real(c_double), intent(in) :: values(*)   ! allow(C071)
+      ! allow(C071)
+      real(c_double), intent(in) :: values(*)
       integer(c_int), value :: mode
     end function mat_set_values
     integer(c_int) function mat_mult(mat, x, y) bind(c, name='MatMult')
@@ -117,21 +114,24 @@ module dosui_petsc
       type(c_ptr), value :: rows
       integer(c_int), value :: n_column
       type(c_ptr), value :: columns
-      type(c_ptr), intent(in) :: blocks(*)   ! allow(C071)
+      ! allow(C071)
+      type(c_ptr), intent(in) :: blocks(*)
       type(c_ptr), intent(out) :: mat
     end function mat_create_nest
     integer(c_int) function mat_nest_rows(mat, rows, columns) bind(c, name='MatNestGetISs')
       import :: c_int, c_ptr
       implicit none
       type(c_ptr), value :: mat
-      type(c_ptr), intent(inout) :: rows(*)   ! allow(C071)
+      ! allow(C071,C072)
+      type(c_ptr), intent(inout) :: rows(*)
       type(c_ptr), value :: columns
     end function mat_nest_rows
     integer(c_int) function mat_convert_c(mat, name, reuse, new) bind(c, name='MatConvert')
       import :: c_int, c_ptr, c_char
       implicit none
       type(c_ptr), value :: mat
-      character(kind=c_char), intent(in) :: name(*)   ! allow(C071)
+      ! allow(C071)
+      character(kind=c_char), intent(in) :: name(*)
       integer(c_int), value :: reuse
       type(c_ptr), intent(inout) :: new
     end function mat_convert_c
@@ -171,12 +171,6 @@ module dosui_petsc
       type(c_ptr), value :: array
       type(c_ptr), intent(out) :: vec
     end function vec_create_serial
-    integer(c_int) function vec_set_block_size(vec, size) bind(c, name='VecSetBlockSize')
-      import :: c_int, c_ptr
-      implicit none
-      type(c_ptr), value :: vec
-      integer(c_int), value :: size
-    end function vec_set_block_size
     integer(c_int) function vec_place_array(vec, array) bind(c, name='VecPlaceArray')
       import :: c_int, c_ptr
       implicit none
@@ -203,7 +197,8 @@ module dosui_petsc
       import :: c_int, c_ptr, c_char
       implicit none
       type(c_ptr), value :: ksp
-      character(kind=c_char), intent(in) :: prefix(*)   ! allow(C071)
+      ! allow(C071)
+      character(kind=c_char), intent(in) :: prefix(*)
     end function ksp_set_prefix_c
     integer(c_int) function ksp_set_operators(ksp, matrix, for_preconditioner) &
       bind(c, name='KSPSetOperators')
@@ -241,12 +236,6 @@ module dosui_petsc
       type(c_ptr), value :: ksp
       integer(c_int), value :: is_nonzero
     end function ksp_set_nonzero_guess
-    integer(c_int) function ksp_set_reuse(ksp, reuse) bind(c, name='KSPSetReusePreconditioner')
-      import :: c_int, c_ptr
-      implicit none
-      type(c_ptr), value :: ksp
-      integer(c_int), value :: reuse
-    end function ksp_set_reuse
     integer(c_int) function ksp_reason(ksp, reason) bind(c, name='KSPGetConvergedReason')
       import :: c_int, c_ptr
       implicit none
@@ -259,12 +248,6 @@ module dosui_petsc
       type(c_ptr), value :: ksp
       integer(c_int), intent(out) :: n
     end function ksp_iterations
-    integer(c_int) function ksp_residual(ksp, norm) bind(c, name='KSPGetResidualNorm')
-      import :: c_int, c_ptr, c_double
-      implicit none
-      type(c_ptr), value :: ksp
-      real(c_double), intent(out) :: norm
-    end function ksp_residual
     integer(c_int) function ksp_get_pc(ksp, pc) bind(c, name='KSPGetPC')
       import :: c_int, c_ptr
       implicit none
@@ -276,17 +259,12 @@ module dosui_petsc
       implicit none
       type(c_ptr), intent(inout) :: ksp
     end function ksp_destroy
-    integer(c_int) function pc_set_type_c(pc, name) bind(c, name='PCSetType')
-      import :: c_int, c_ptr, c_char
-      implicit none
-      type(c_ptr), value :: pc
-      character(kind=c_char), intent(in) :: name(*)   ! allow(C071)
-    end function pc_set_type_c
     integer(c_int) function pc_set_split_c(pc, name, indices) bind(c, name='PCFieldSplitSetIS')
       import :: c_int, c_ptr, c_char
       implicit none
       type(c_ptr), value :: pc
-      character(kind=c_char), intent(in) :: name(*)   ! allow(C071)
+      ! allow(C071)
+      character(kind=c_char), intent(in) :: name(*)
       type(c_ptr), value :: indices
     end function pc_set_split_c
   end interface
@@ -358,14 +336,6 @@ contains
 
     status = ksp_set_prefix_c(ksp, prefix//c_null_char)
   end function ksp_set_prefix
-
-  integer(c_int) function pc_set_type(pc, name) result(status)
-    !! Sets a preconditioner's type.
-    type(c_ptr), intent(in) :: pc
-    character(len=*), intent(in) :: name
-
-    status = pc_set_type_c(pc, name//c_null_char)
-  end function pc_set_type
 
   integer(c_int) function pc_set_split(pc, name, indices) result(status)
     !! Names one field of a split preconditioner and its rows.

@@ -13,7 +13,7 @@ dosui_say() { printf '\n== %s  %s\n' "$(date +%H:%M:%S)" "$*"; }
 
 dosui_install_packages() {   # Debian packages that are not installed yet
   local missing=() package
-  for package in gfortran g++ libopenmpi-dev openmpi-bin libhdf5-openmpi-dev libmetis-dev cmake \
+  for package in gfortran g++ libopenmpi-dev openmpi-bin libhdf5-openmpi-dev libmetis-dev libpetsc-real-dev cmake \
                  ninja-build python3-venv git ca-certificates; do
     dpkg-query -W -f '${Status}' "$package" 2>/dev/null | grep -q 'ok installed' ||
       missing+=("$package")

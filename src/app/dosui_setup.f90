@@ -48,6 +48,7 @@ contains
     model%spacing = minval([(region_spacing(scene, scene%region(k)), k=1, size(scene%region))])
     affine = scene%mechanics%transfer == 'apic' .and. .not. model%rigid
     call model%materials%init(scene%material, err)
+    call model%sources%init(scene%source)
     call choose_integrator(scene, model%materials, model%spacing, model%choice)
     model%integrator = model%choice%name
     call register_particle_fields(model%particles, model%p, model%coupled, affine, model%updated, &

@@ -17,6 +17,7 @@ module dosui_model
   use dosui_partition, only: partition_statistics_t
   use dosui_point_set, only: point_set_t
   use dosui_scene, only: name_length, scene_t
+  use dosui_sources, only: sources_t
   use dosui_storage, only: storage_t
   use dosui_surface_forces, only: surface_forces_t
   use dosui_time_control, only: time_control_t
@@ -60,6 +61,7 @@ module dosui_model
     type(point_set_t) :: surface     !! points on the body's surface
     type(surface_handles_t) :: s
     type(material_set_t) :: materials
+    type(sources_t) :: sources                !! body forces and water by formulas
     integer, allocatable :: material(:)       !! material of each particle
     integer, allocatable :: condition_surface(:)   !! surface of each hydraulic condition
     logical :: lifted = .false.               !! walls take part in the cells' strains, on any rank

@@ -17,7 +17,7 @@ module dosui_quasi_static
   use dosui_skeleton_step, only: gather_forces, update_particles, zero_velocities
   use dosui_text, only: to_text
   use dosui_time_control, only: step_limit_t
-  use dosui_water_step, only: surface_elevation, water_rate
+  use dosui_water_step, only: add_sources, surface_elevation, water_rate
   implicit none
   private
 
@@ -334,6 +334,7 @@ contains
     call model%hydraulic_conditions%set_time(model%scene%hydraulic_condition, time, &
                                              model%scene%water%unit_weight, elevation)
     call water_rate(model, pressure, flow)
+    call add_sources(model, time, flow)
     flow = flow*model%weight
     call model%timers%stop(model%phase%water)
   end subroutine find_flow

@@ -17,7 +17,7 @@ module dosui_semi_implicit
   use dosui_skeleton_step, only: gather_forces, update_nodes, update_particles
   use dosui_text, only: to_text
   use dosui_time_control, only: step_limit_t
-  use dosui_water_step, only: surface_elevation, water_rate
+  use dosui_water_step, only: add_sources, surface_elevation, water_rate
   implicit none
   private
 
@@ -130,6 +130,7 @@ contains
                                              model%clock%time + model%clock%dt, &
                                              model%scene%water%unit_weight, elevation)
     call water_rate(model, pressure, supply)
+    call add_sources(model, model%clock%time + model%clock%dt, supply)
     supply = model%clock%dt*model%weight*supply
     call model%timers%stop(model%phase%water)
   end subroutine find_supply

@@ -33,6 +33,7 @@ contains
     else
       call spread_pointwise(model, gravity)
     end if
+    if (model%sources%has_force) call add_body_forces(model)
     call add_surface_forces(model)
     call model%timers%stop(model%phase%to_grid)
     call model%timers%start(model%phase%halo)
@@ -139,6 +140,17 @@ contains
       end if
     end associate
   end subroutine spread_particles
+
+  subroutine add_body_forces(model)
+    !! Forces that the scene gives as formulas.
+    type(model_t), intent(inout) :: model
+
+    associate (n => model%particles%count, &
+               position => model%particles%field(model%p%position)%values)
+      call model%sources%add_forces(model%grid, n, model%patch, position, model%weight, &
+                                    model%clock%time, model%nodal(2 + ndim:, :))
+    end associate
+  end subroutine add_body_forces
 
   subroutine add_surface_forces(model)
     !! Tractions and penalty walls.

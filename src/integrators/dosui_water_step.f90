@@ -9,7 +9,7 @@ module dosui_water_step
   implicit none
   private
 
-  public :: update_pressure, head_of_particles, darcy_velocity, water_rate, surface_elevation
+  public :: add_sources, update_pressure, head_of_particles, darcy_velocity, water_rate, surface_elevation
 
 contains
 
@@ -91,6 +91,17 @@ contains
     end if
   end subroutine water_rate
 
+  subroutine add_sources(model, time, rate)
+    !! Adds the water that formulas supply to the rates of water content.
+    type(model_t), intent(in) :: model
+    real(wp), intent(in) :: time           !! [s]
+    real(wp), intent(inout) :: rate(:)     !! of owned particles [1/s]
+
+    if (.not. model%sources%has_water) return
+    call model%sources%add_water(model%particles%count, &
+                                 model%particles%field(model%p%position)%values, time, rate)
+  end subroutine add_sources
+
   subroutine pressure_rate(model, drained, pressure, rate)
     !! Rate of the pressures: storage times du/dt = inflow - volume change [Pa/s].
     type(model_t), intent(inout) :: model
@@ -102,7 +113,10 @@ contains
 
     n = model%particles%count
     rate(1:n) = 0.0_wp
-    if (drained) call water_rate(model, pressure, rate)
+    if (drained) then
+      call water_rate(model, pressure, rate)
+      call add_sources(model, model%clock%time + 0.5_wp*model%clock%dt, rate)
+    end if
     if (.not. model%rigid) rate(1:n) = rate(1:n) - model%volume_strain(1:n)/model%clock%dt
     if (model%storage%projected) then
       allocate (sums(model%grid%n_cell), block(model%grid%n_block))

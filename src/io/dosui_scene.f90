@@ -120,6 +120,16 @@ module dosui_scene
     type(table_t) :: factor                          !! multiplies value over time; unallocated: 1
   end type hydraulic_condition_t
 
+  type, public :: text_t
+    character(len=:), allocatable :: text
+  end type text_t
+
+  type, public :: source_t
+    !! Formulas of the coordinates [m] and t [s]; unallocated: nothing.
+    type(text_t) :: force(ndim)                      !! body force beside gravity [N/m3]
+    character(len=:), allocatable :: water           !! water supplied per volume of soil [1/s]
+  end type source_t
+
   type, public :: probe_t
     character(len=name_length) :: name = ''
     character(len=name_length) :: kind = ''
@@ -189,6 +199,7 @@ module dosui_scene
     type(mechanics_t) :: mechanics
     type(water_t) :: water
     type(solver_t) :: solver
+    type(source_t) :: source
     type(output_t) :: output
     type(verification_t) :: verification
     type(region_t), allocatable :: region(:)

@@ -1,7 +1,8 @@
 !! What can be wrong with a scene although every single value is allowed.
 module dosui_scene_checks
   use dosui_kinds, only: wp
-  use dosui_dimension, only: ndim
+  use dosui_dimension, only: ndim, axis
+  use dosui_expression, only: expression_t
   use dosui_namelist, only: namelist_t
   use dosui_problems, only: problems_t
   use dosui_scene, only: scene_t, table_t, name_length
@@ -45,6 +46,7 @@ contains
     call check_conditions(checker, scene)
     call check_water(checker, scene)
     call check_integrator(checker, scene)
+    call check_sources(checker, scene)
     call check_output(checker, scene)
     call check_verification(checker, scene)
     problems = checker%problems
@@ -543,6 +545,31 @@ contains
       end select
     end do
   end subroutine check_integrator
+
+  subroutine check_sources(checker, scene)
+    !! Formulas that can be read.
+    type(checker_t), intent(inout) :: checker
+    type(scene_t), intent(in) :: scene
+    character(len=1), parameter :: name_of_axis(3) = ['x', 'y', 'z']
+    type(expression_t) :: formula
+    character(len=:), allocatable :: message
+    integer :: d
+
+    do d = 1, ndim
+      if (.not. allocated(scene%source%force(d)%text)) cycle
+      call formula%parse(scene%source%force(d)%text, [name_of_axis(axis), 't'], message)
+      if (allocated(message)) then
+        call checker%complain('source', 1, 'force_'//name_of_axis(axis(d)), message)
+      end if
+    end do
+    if (.not. allocated(scene%source%water)) return
+    if (scene%water_mode == 'none') then
+      call checker%complain('source', 1, 'water', &
+                            'has a meaning only with water = ''saturated'' in &scene')
+    end if
+    call formula%parse(scene%source%water, [name_of_axis(axis), 't'], message)
+    if (allocated(message)) call checker%complain('source', 1, 'water', message)
+  end subroutine check_sources
 
   ! ---------------------------------------------------------------- output and verification
 

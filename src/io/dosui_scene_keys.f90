@@ -6,10 +6,10 @@
 !! Defaults are those of the types in dosui_scene.
 module dosui_scene_keys
   use dosui_kinds, only: wp
-  use dosui_dimension, only: ndim
+  use dosui_dimension, only: ndim, axis
   use dosui_scene, only: scene_t, region_t, material_t, water_t, mechanics_t, initial_state_t, &
                          surface_t, mechanical_condition_t, hydraulic_condition_t, probe_t, &
-                         solver_t, time_t, output_t, verification_t, table_t, name_length
+                         solver_t, source_t, time_t, output_t, verification_t, table_t, name_length
   use dosui_text, only: to_text
   implicit none
   private
@@ -144,7 +144,7 @@ contains
     !! All groups in the order in which a scene is best written.
     type(group_t), allocatable :: groups(:)
 
-    allocate (groups(15))
+    allocate (groups(16))
     groups(1) = group_t('scene', 'What is computed, and how.', .true., .false.)
     groups(2) = group_t('grid', 'The background grid and the domain. Memory and time follow '// &
                         'the particles: a large domain costs nothing.', .true., .false.)
@@ -165,11 +165,14 @@ contains
                          'without one are free of traction.', .false., .true.)
     groups(11) = group_t('hydraulic_condition', 'Head, pressure or flux on a surface. Surfaces '// &
                          'without one let no water through.', .false., .true.)
-    groups(12) = group_t('probe', 'A value whose history is written to the result file.', &
+    groups(12) = group_t('source', 'Body forces and water sources as formulas of x, y, z and t '// &
+                         '(those of the dimension), with + - * / ^, pi, sin cos tan atan exp '// &
+                         'log sqrt abs sinh cosh tanh step min max.', .false., .false.)
+    groups(13) = group_t('probe', 'A value whose history is written to the result file.', &
                          .false., .true.)
-    groups(13) = group_t('solver', 'Linear systems of the implicit integrators.', .false., .false.)
-    groups(14) = group_t('output', 'Names and intervals of the files.', .false., .false.)
-    groups(15) = group_t('verification', 'The exact solution that `dosui-post verify` compares '// &
+    groups(14) = group_t('solver', 'Linear systems of the implicit integrators.', .false., .false.)
+    groups(15) = group_t('output', 'Names and intervals of the files.', .false., .false.)
+    groups(16) = group_t('verification', 'The exact solution that `dosui-post verify` compares '// &
                          'with.', .false., .false.)
   end function scene_groups
 
@@ -260,6 +263,8 @@ contains
       call visit_mechanical_condition(visitor, scene%mechanical_condition(instance))
     case ('hydraulic_condition')
       call visit_hydraulic_condition(visitor, scene%hydraulic_condition(instance))
+    case ('source')
+      call visit_source(visitor, scene%source)
     case ('probe')
       call visit_probe(visitor, scene%probe(instance))
     case ('solver')
@@ -619,6 +624,23 @@ contains
                     'before and after', unit='-', only=only, applies=applies, &
                     fallback='1 at all times'))
   end subroutine visit_table
+
+  subroutine visit_source(v, source)
+    !! Keys of &source.
+    class(key_visitor_t), intent(inout) :: v
+    type(source_t), intent(inout) :: source
+    character(len=1), parameter :: name_of_axis(3) = ['x', 'y', 'z']
+    integer :: d
+
+    do d = 1, ndim
+      call v%text(source%force(d)%text, &
+                  key('force_'//name_of_axis(axis(d)), 'formula of the body force along '// &
+                      name_of_axis(axis(d))//', beside gravity', unit='N/m3', longest=1000))
+    end do
+    call v%text(source%water, &
+                key('water', 'formula of the water supplied per volume of soil', unit='1/s', &
+                    longest=1000))
+  end subroutine visit_source
 
   subroutine visit_probe(v, probe)
     !! Keys of &probe.

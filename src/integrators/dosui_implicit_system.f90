@@ -400,7 +400,7 @@ contains
     real(wp), intent(in) :: dt   !! [s]
     type(error_t), intent(inout) :: err
 
-    if (abs(dt - self%inertia_step) <= 1.0e-12_wp*dt) return
+    if (.not. abs(dt - self%inertia_step) > 0.0_wp) return
     call self%system%set_values(block_u, block_u, self%inertia/dt**2, err)
     self%inertia_step = dt
   end subroutine implicit_set_step
@@ -571,7 +571,7 @@ contains
     real(wp), intent(in) :: weight   !! a [s]
     type(error_t), intent(inout) :: err
 
-    if (abs(weight - self%flow_weight) <= 1.0e-12_wp*weight .and. self%flow_weight >= 0.0_wp) return
+    if (.not. abs(weight - self%flow_weight) > 0.0_wp) return
     call self%system%set_values(block_p, block_p, [self%storage, weight*self%flow], err)
     if (err%failed()) return
     call self%system%set_schur([self%storage + self%coupling, weight*self%flow], err)

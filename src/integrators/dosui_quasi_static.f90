@@ -122,6 +122,7 @@ contains
       if (.not. model%coupled) limits(1)%dt = model%scene%time%end_time
       call model%clock%choose_step(model%scene%time, limits)
       call stop_at_corner(self, model)
+      call model%clock%round_step()
       failure = error_t()
       call self%attempt(model, motion, pressure, error_norm, failure)
       if (failure%failed()) then
@@ -178,7 +179,7 @@ contains
     associate (t => model%clock%time, dt => model%clock%dt)
       if (.not. any(self%corner > t*(1.0_wp + 1.0e-12_wp))) return
       way = minval(self%corner, mask=self%corner > t*(1.0_wp + 1.0e-12_wp)) - t
-      if (way <= 1.0e-9_wp*dt .or. way >= 2.0_wp*dt) return
+      if (way <= 1.0e-6_wp*dt .or. way >= 2.0_wp*dt) return
       model%clock%dt = merge(way, 0.5_wp*way, way <= dt*(1.0_wp + 1.0e-9_wp))
       model%clock%limit%name = 'corner of a time table'
     end associate

@@ -157,6 +157,7 @@ contains
       end if
     end associate
     call model%clock%choose_step(model%scene%time, limits)
+    call model%clock%round_step()
   end subroutine choose_semi_implicit_step
 
   function semi_implicit_describe(self) result(text)

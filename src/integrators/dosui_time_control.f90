@@ -25,6 +25,7 @@ module dosui_time_control
   contains
     procedure :: init => time_control_init
     procedure :: choose_step => time_control_choose_step
+    procedure :: round_step => time_control_round_step
     procedure :: advance => time_control_advance
     procedure :: at_output => time_control_at_output
     procedure :: finished => time_control_finished
@@ -91,6 +92,14 @@ contains
     self%dt = remaining/max(1.0_wp, &
                             aint(remaining/self%limit%dt*(1.0_wp - landing_tolerance)) + 1.0_wp)
   end subroutine time_control_choose_step
+
+  pure subroutine time_control_round_step(self)
+    !! Rounds the step to 30 binary digits, so that steps that are equal but for round-off are
+    !! equal: matrices that contain the step then stay valid, after a restart, too.
+    class(time_control_t), intent(inout) :: self
+
+    self%dt = set_exponent(anint(fraction(self%dt)*2.0_wp**30)*2.0_wp**(-30), exponent(self%dt))
+  end subroutine time_control_round_step
 
   pure subroutine time_control_advance(self)
     !! Moves the clock by one step, exactly onto an output time when it is reached.

@@ -12,16 +12,16 @@ module dosui_block_system
   use dosui_kinds, only: wp, i8
   use dosui_communicator, only: communicator_t
   use dosui_error, only: error_t
-  use dosui_petsc, only: initial_matrix, insert_values, reuse_matrix, ksp_create, ksp_destroy, &
-                         ksp_get_pc, ksp_iterations, ksp_reason, ksp_set_from_options, &
-                         ksp_set_nonzero_guess, ksp_set_operators, ksp_set_prefix, &
-                         ksp_set_tolerances, ksp_set_up, ksp_solve, mat_convert, mat_create, &
-                         mat_create_nest, mat_destroy, mat_mult, mat_nest_rows, &
-                         mat_set_block_size, mat_set_near_null_space, mat_set_pattern, &
-                         mat_set_sizes, mat_set_type, mat_set_values, null_space_destroy, &
-                         pc_set_split, petsc_set_options, petsc_start, petsc_world, &
-                         rigid_body_modes, vec_create_parallel, vec_create_serial, vec_destroy, &
-                         vec_place_array, vec_reset_array
+  use dosui_petsc, only: has_umfpack, initial_matrix, insert_values, ksp_create, ksp_destroy, &
+                         ksp_get_pc, ksp_iterations, ksp_reason, ksp_residual, &
+                         ksp_set_from_options, ksp_set_nonzero_guess, ksp_set_operators, &
+                         ksp_set_prefix, ksp_set_tolerances, ksp_set_up, ksp_solve, &
+                         mat_convert, mat_create, mat_create_nest, mat_destroy, mat_mult, &
+                         mat_nest_rows, mat_set_block_size, mat_set_near_null_space, &
+                         mat_set_pattern, mat_set_sizes, mat_set_type, mat_set_values, &
+                         null_space_destroy, pc_set_split, petsc_set_options, petsc_start, &
+                         petsc_world, reuse_matrix, rigid_body_modes, vec_create_parallel, &
+                         vec_create_serial, vec_destroy, vec_place_array, vec_reset_array
   use dosui_text, only: to_text
   implicit none
   private
@@ -29,6 +29,7 @@ module dosui_block_system
   integer, parameter, public :: block_u = 1, block_p = 2
   integer, parameter :: iteration_limit = 500
   integer, parameter :: refinements = 4   !! of a direct solution
+  real(wp), parameter :: refined = 1.0e-9_wp   !! residual of a direct solution [-]
   integer, parameter :: reason_iterations = -3   !! KSP_DIVERGED_ITS
 
   type :: block_t
@@ -53,7 +54,7 @@ module dosui_block_system
     type(c_ptr), private :: nest = c_null_ptr, smooth_nest = c_null_ptr, whole = c_null_ptr
     type(c_ptr), private :: ksp = c_null_ptr, right = c_null_ptr, left = c_null_ptr
     real(c_double), pointer, contiguous, private :: coordinates(:) => null()
-    integer, private :: size = 1
+    type(communicator_t), private :: comm
     logical, private :: is_current = .false.
   contains
     procedure :: init => system_init
@@ -87,7 +88,7 @@ contains
     if (status /= 0) call err%set('PETSc did not start (code '//to_text(status)//')')
     call comm%agree(err)
     if (err%failed()) return
-    self%size = comm%size
+    self%comm = comm
     self%n = [n_u, n_p]
     total = [comm%sum(int(n_u, i8)), comm%sum(int(n_p, i8))]
     before = [comm%prefix_sum(int(n_u, i8)), comm%prefix_sum(int(n_p, i8))]
@@ -180,7 +181,7 @@ contains
     if (associated(self%coordinates)) deallocate (self%coordinates)
     allocate (self%coordinates(max(1, self%n(block_u))))
     self%coordinates(1:self%n(block_u)) = coordinates
-    call make_vector(self%size, dimension, self%n(block_u), self%n_all(block_u), &
+    call make_vector(self%comm%size, dimension, self%n(block_u), self%n_all(block_u), &
                      self%coordinates, vec, status)
     if (status == 0) status = mat_set_block_size(self%block(1, 1)%mat, dimension)
     if (status == 0) status = rigid_body_modes(vec, space)
@@ -264,7 +265,7 @@ contains
                                                alone == block_u), alone == 0), self%is_direct))//'_'
     if (status == 0) then
       call petsc_set_options(solver_options(prefix, self%is_direct, self%is_dynamic, is_split, &
-                                            alone, self%size), status)
+                                            alone, self%comm%size), status)
     end if
     if (status == 0) status = ksp_create(petsc_world, self%ksp)
     if (status == 0) status = ksp_set_prefix(self%ksp, prefix)
@@ -296,7 +297,8 @@ contains
         options = options//' -'//factor//'ksp_type preonly'
       end if
       options = options//' -'//factor//'pc_type lu'// &
-                ' -'//factor//'pc_factor_mat_solver_type umfpack'
+                ' -'//factor//'pc_factor_mat_solver_type '// &
+                trim(merge('umfpack', 'petsc  ', has_umfpack()))
     else if (is_split .and. is_dynamic) then
       ! K is diagonal, so that the Schur complement can be had as a matrix
       options = '-'//prefix//'ksp_type fgmres -'//prefix//'pc_type fieldsplit'// &
@@ -355,14 +357,16 @@ contains
     logical :: halting(size(ieee_usual))
     integer :: status, n
     integer(c_int) :: reason, iterations
+    real(c_double) :: residual
+    real(wp) :: square
 
     call self%prepare(err)
     if (err%failed()) return
     n = sum(self%n)
     status = 0
     if (.not. c_associated(self%right)) then
-      call make_vector(self%size, 1, n, sum(self%n_all), right_side, self%right, status)
-      if (status == 0) call make_vector(self%size, 1, n, sum(self%n_all), solution, self%left, &
+      call make_vector(self%comm%size, 1, n, sum(self%n_all), right_side, self%right, status)
+      if (status == 0) call make_vector(self%comm%size, 1, n, sum(self%n_all), solution, self%left, &
                                         status)
     else
       status = vec_place_array(self%right, c_loc(right_side))
@@ -379,6 +383,7 @@ contains
     iterations = 0
     if (status == 0) status = ksp_reason(self%ksp, reason)
     if (status == 0) status = ksp_iterations(self%ksp, iterations)
+    if (status == 0) status = ksp_residual(self%ksp, residual)
     if (status == 0) status = vec_reset_array(self%right)
     if (status == 0) status = vec_reset_array(self%left)
     call report('the linear solution', status, err)
@@ -386,7 +391,12 @@ contains
     self%most_iterations = max(self%most_iterations, int(iterations))
     self%n_solve = self%n_solve + 1
     if (err%failed()) return
-    if (reason < 0 .and. .not. (self%is_direct .and. reason == reason_iterations)) then
+    if (reason == reason_iterations .and. self%is_direct) then
+      ! refined as far as round-off lets it
+      square = self%comm%sum(sum(right_side(1:n)**2))
+      if (residual <= refined*sqrt(square)) return
+      call err%set('the linear system is singular: is the body held by its mechanical conditions?')
+    else if (reason < 0) then
       call err%set('the linear solver stopped: '//reason_text(int(reason))//' after '// &
                    to_text(int(iterations))//' iterations')
     end if
@@ -401,8 +411,8 @@ contains
     type(c_ptr) :: in, out
     integer :: status
 
-    call make_vector(self%size, 1, sum(self%n), sum(self%n_all), x, in, status)
-    if (status == 0) call make_vector(self%size, 1, sum(self%n), sum(self%n_all), y, out, status)
+    call make_vector(self%comm%size, 1, sum(self%n), sum(self%n_all), x, in, status)
+    if (status == 0) call make_vector(self%comm%size, 1, sum(self%n), sum(self%n_all), y, out, status)
     if (status == 0) status = mat_mult(self%nest, in, out)
     if (status == 0) status = vec_destroy(in)
     if (status == 0) status = vec_destroy(out)

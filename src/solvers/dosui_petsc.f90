@@ -16,9 +16,10 @@ module dosui_petsc
   public :: rigid_body_modes, null_space_destroy
   public :: vec_create_parallel, vec_create_serial, vec_place_array, vec_reset_array, vec_destroy
   public :: ksp_create, ksp_set_prefix, ksp_set_operators, ksp_set_tolerances, &
-            ksp_set_from_options, ksp_set_up, ksp_solve, ksp_reason, ksp_iterations, ksp_get_pc, &
+            ksp_set_from_options, ksp_set_up, ksp_solve, ksp_reason, ksp_iterations, ksp_residual, &
+            ksp_get_pc, &
             ksp_destroy, ksp_set_nonzero_guess
-  public :: pc_set_split
+  public :: pc_set_split, has_umfpack
 
   integer(c_int), parameter, public :: insert_values = 1   !! equal places are summed all the same
   integer(c_int), parameter, public :: initial_matrix = 0, reuse_matrix = 1
@@ -248,6 +249,22 @@ module dosui_petsc
       type(c_ptr), value :: ksp
       integer(c_int), intent(out) :: n
     end function ksp_iterations
+    integer(c_int) function ksp_residual(ksp, norm) bind(c, name='KSPGetResidualNorm')
+      import :: c_int, c_ptr, c_double
+      implicit none
+      type(c_ptr), value :: ksp
+      real(c_double), intent(out) :: norm
+    end function ksp_residual
+    integer(c_int) function solver_type_get(solver, matrix, factor, has_solver, has_matrix, create) &
+      bind(c, name='MatSolverTypeGet')
+      import :: c_int, c_ptr, c_char
+      implicit none
+      ! allow(C071)
+      character(kind=c_char), intent(in) :: solver(*), matrix(*)
+      integer(c_int), value :: factor
+      integer(c_int), intent(out) :: has_solver, has_matrix
+      type(c_ptr), intent(out) :: create
+    end function solver_type_get
     integer(c_int) function ksp_get_pc(ksp, pc) bind(c, name='KSPGetPC')
       import :: c_int, c_ptr
       implicit none
@@ -310,6 +327,17 @@ contains
       status = int(options_insert_string(c_null_ptr, environment(1:length)//c_null_char))
     end if
   end subroutine petsc_set_options
+
+  logical function has_umfpack()
+    !! Was PETSc built with UMFPACK? It is faster than PETSc's own factorisation.
+    integer(c_int), parameter :: lu = 1   ! MAT_FACTOR_LU
+    integer(c_int) :: status, has_solver, has_matrix
+    type(c_ptr) :: create
+
+    status = solver_type_get('umfpack'//c_null_char, 'seqaij'//c_null_char, lu, has_solver, &
+                             has_matrix, create)
+    has_umfpack = status == 0 .and. has_solver /= 0 .and. has_matrix /= 0
+  end function has_umfpack
 
   integer(c_int) function mat_set_type(mat, name) result(status)
     !! Sets a matrix' type.

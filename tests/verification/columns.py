@@ -29,11 +29,13 @@ class Column:
     poisson_ratio: float = 0.2
     load: float = 1000.0  # Pa
     last: float = 1.0  # time factor at the end
-    mechanics: str = "damping = 'fading'"
+    integrator: str = "explicit"
+    mechanics: str | None = None  # explicit: fading damping
     water: str = ""
     time: str = ""
     grid: str = ""
     pattern: str = ""  # of the initial pressure, instead of a uniform one
+    solver: str = ""
 
     @property
     def softness(self) -> float:
@@ -80,6 +82,9 @@ class Column:
             else f"young_modulus = {self.young_modulus} poisson_ratio = {self.poisson_ratio}"
         )
         start = "" if self.rigid or self.pattern else "undrained_start = .true."
+        mechanics = self.mechanics
+        if mechanics is None:
+            mechanics = "" if self.integrator == "quasi_static" else "damping = 'fading'"
         state = ""
         if self.rigid or self.pattern:
             pattern = self.pattern or "given"
@@ -96,14 +101,15 @@ class Column:
         elif self.pattern:
             load = ""
         return f"""
-&scene title = 'column' dimension = 2 /
+&scene title = 'column' dimension = 2 integrator = '{self.integrator}' /
 &grid spacing = {self.spacing * self.per_cell} {self.grid} /
 &time end_time = {times[-1]!r} output_times = {", ".join(repr(t) for t in times)} {start}
   {self.time} /
 &material name = 'soil' {skeleton} porosity = {POROSITY}
   hydraulic_conductivity = {self.conductivity} /
 &water bulk_modulus = {self.bulk_modulus} {self.water} /
-{f"&mechanics {self.mechanics} /" if not self.rigid else ""}
+{f"&solver {self.solver} /" if self.solver else ""}
+{f"&mechanics {mechanics} /" if not self.rigid else ""}
 &region name = 'column' material = 'soil' box_min = 0.0, 0.0 box_max = {WIDTH}, {HEIGHT}
   particle_spacing = {self.spacing} shape_angle = {self.angle}
   lattice_angle = {self.lattice_angle} jitter = {self.jitter} jitter_seed = {self.seed} /

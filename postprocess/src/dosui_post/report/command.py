@@ -65,7 +65,7 @@ def report(request: Request) -> int:
         with _terminable():
             machine = _measured_machine(request, program, jobs)
             _run_all(jobs, program, store, request, runs)
-            runs += measure_ogs(request.ogs, request.is_quick, request.only, store, _tell)
+            runs += _others(request, store)
     except KeyboardInterrupt:
         print(
             f"\ninterrupted: {len(runs)} of {len(jobs)} runs are in {store.path};"
@@ -116,6 +116,18 @@ def _run_all(
         elapsed = time.monotonic() - begin
         told = _outcome(found) + (" (kept)" if is_old else "")
         _tell(f"[{index}/{len(jobs)}, {elapsed:.0f} s] {job.label}: {told}")
+
+
+def _others(request: Request, store: Store) -> list[Run]:
+    return measure_ogs(
+        request.ogs,
+        request.is_quick,
+        request.only,
+        store,
+        _tell,
+        request.repeat,
+        request.limit,
+    )
 
 
 def _outcome(run: Run) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,9 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from dosui_post.report.scenes import PROBLEMS
 from dosui_post.report.store import ESTIMATED, Run
@@ -23,6 +26,7 @@ _DASHES = ("-", "--", "-.", (0, (1, 1.2)), (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)),
 _PANEL = (3.7, 3.0)  # inch
 _MOST_COLUMNS = 2
 _LARGEST_ERROR = 1.0  # drawn
+_LEGEND_LINE = 0.24  # inch
 _HEAD = 1.0  # inch, for title, caption and legend
 
 
@@ -48,10 +52,14 @@ def draw(
             axes.set_visible(False)
         figure.supxlabel("largest relative L2 error of the pressure  [–]", fontsize=10)
         figure.supylabel(label, fontsize=10)
-        if styles:
-            handles = [Line2D([], [], label=name, **styles[name]) for name in methods]
-            figure.legend(handles=handles, loc="outside lower center", ncols=3)
+        handles = [Line2D([], [], label=name, **styles[name]) for name in methods]
+        figure.legend(handles=handles, loc="lower center", ncols=3)
         caption(figure, f"{label.split('  ')[0].capitalize()} over error", details)
+        engine = figure.get_layout_engine()
+        if isinstance(engine, ConstrainedLayoutEngine):
+            left, bottom, width, height = engine.get()["rect"]
+            legend = _LEGEND_LINE * -(-len(handles) // 3) / size[1]
+            engine.set(rect=(left, bottom + legend, width, height - legend))
         return save(figure, output)
 
 
@@ -106,7 +114,17 @@ def _panel(
     axes.set_title(PROBLEMS[scene].title, fontsize=9.5, loc="left")
     axes.tick_params(which="both", labelbottom=True)
     axes.margins(0.08, 0.12)
+    _decades(axes)
     _note_estimates(axes, of_state(runs, scene))
+
+
+def _decades(axes: Axes) -> None:
+    """Ends the vertical axis at powers of ten, so that its labels are those."""
+    low, high = axes.get_ylim()
+    axes.set_ylim(10.0 ** math.floor(math.log10(low)), 10.0 ** math.ceil(math.log10(high)))
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(LogLocator(numticks=9))
+        axis.set_minor_formatter(NullFormatter())
 
 
 def of_state(runs: Sequence[Run], scene: str) -> list[Run]:

@@ -78,6 +78,16 @@ class Problem:
         """Water as it is, without trapped air: no explicit run can be afforded."""
         return self.water.bulk_modulus > 1.0e9
 
+    @property
+    def density_scaling(self) -> float:
+        """Inertia with which a wave of the skeleton crosses the body in 1 % of the time [-]."""
+        if self.soil.is_rigid:
+            return 1.0
+        density = (1 - self.soil.porosity) * 2650.0 + self.soil.porosity * 1000.0
+        speed = math.sqrt(self.soil.constrained_modulus / density)
+        factor = (0.01 * self.times[-1] * speed / self.length) ** 2
+        return max(1.0, float(f"{factor:.1e}"))
+
     def particles(self, spacing: float) -> int:
         """Particles of an upright body, one per cell."""
         return round(self.size[0] / spacing) * round(self.size[1] / spacing)
@@ -114,22 +124,23 @@ class Method:
     name: str
     integrator: str
     operator: str = "compact"
-    density_scaling: float = 1.0
+    is_scaled: bool = False
+    """with the inertia of `Problem.density_scaling`"""
 
     @property
     def is_explicit(self) -> bool:
         """Tells whether inertia is resolved, so that the start must be undrained and damped."""
         return self.integrator != "quasi_static"
 
-    def mechanics(self) -> str:
+    def mechanics(self, problem: Problem) -> str:
         """Keys of &mechanics."""
         keys = []
         if self.operator == "two_pass":
             keys.append("transfer = 'flip'")  # the published one
         if self.is_explicit:
             keys.append("damping = 'fading'")
-        if self.density_scaling > 1:
-            keys.append(f"density_scaling = {self.density_scaling!r}")
+        if self.is_scaled:
+            keys.append(f"density_scaling = {problem.density_scaling!r}")
         return " ".join(keys)
 
 
@@ -144,7 +155,7 @@ def scene_text(problem: Problem, method: Method, spacing: float, control: str) -
 &material name = 'soil' {_skeleton(problem)} porosity = {problem.soil.porosity!r}
   hydraulic_conductivity = {problem.water.conductivity!r} /
 &water bulk_modulus = {problem.water.bulk_modulus!r} operator = '{method.operator}' /
-&mechanics {method.mechanics()} /
+&mechanics {method.mechanics(problem)} /
 &region name = 'body' material = 'soil' box_min = 0.0, 0.0
   box_max = {problem.size[0]!r}, {problem.size[1]!r} particle_spacing = {spacing!r}
   shape_angle = {problem.angle!r} lattice_angle = {problem.angle!r} jitter = {problem.jitter!r} /

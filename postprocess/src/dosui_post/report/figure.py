@@ -21,7 +21,7 @@ from dosui_post.report.tables import LEVELS, methods_of, of, percent, scenes_of
 from dosui_post.style import COLOURS, MUTED, caption, house_style, save
 from dosui_post.units import number
 
-_MARKERS = "osD^vPX"
+_MARKERS = "osD^vph"
 _DASHES = ("-", "--", "-.", (0, (1, 1.2)), (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)), "-")
 _PANEL = (3.7, 3.0)  # inch
 _MOST_COLUMNS = 2
@@ -50,8 +50,7 @@ def draw(
             _panel(axes, runs, scene, quantity, styles)
         for axes in list(panels)[len(scenes) :]:
             axes.set_visible(False)
-        figure.supxlabel("largest relative L2 error of the pressure  [–]", fontsize=10)
-        figure.supylabel(label, fontsize=10)
+        _label(figure, columns, len(scenes), label)
         handles = [Line2D([], [], label=name, **styles[name]) for name in methods]
         figure.legend(handles=handles, loc="lower center", ncols=3)
         caption(figure, f"{label.split('  ')[0].capitalize()} over error", details)
@@ -61,6 +60,15 @@ def draw(
             legend = _LEGEND_LINE * -(-len(handles) // 3) / size[1]
             engine.set(rect=(left, bottom + legend, width, height - legend))
         return save(figure, output)
+
+
+def _label(figure: Figure, columns: int, count: int, label: str) -> None:
+    """Labels below the lowest panels and left of the first ones."""
+    for index, axes in enumerate(figure.axes[:count]):
+        if index + columns >= count:
+            axes.set_xlabel("largest relative L2 error of the pressure  [–]")
+        if index % columns == 0:
+            axes.set_ylabel(label)
 
 
 def efficient(runs: Sequence[Run], quantity: Callable[[Run], float]) -> list[Run]:
@@ -77,7 +85,7 @@ def _style(index: int) -> dict[str, Any]:
         "color": COLOURS[index % len(COLOURS)],
         "marker": _MARKERS[index % len(_MARKERS)],
         "linestyle": _DASHES[index % len(_DASHES)],
-        "markersize": 5.0,
+        "markersize": 5.5,
         "linewidth": 1.4,
         "markeredgecolor": "white",
         "markeredgewidth": 0.5,
@@ -95,7 +103,7 @@ def _panel(
     axes.set_yscale("log")
     for method, style in styles.items():
         own = [run for run in of(runs, scene, method) if run.is_measured]
-        dots = {**style, "linestyle": "none", "markersize": 3.0, "alpha": 0.4}
+        dots = {**style, "linestyle": "none", "markersize": 3.5, "alpha": 0.45}
         axes.plot([r.error for r in own], [quantity(r) for r in own], zorder=2, **dots)
         best = efficient(own, quantity)
         axes.plot([r.error for r in best], [quantity(r) for r in best], zorder=3, **style)

@@ -14,6 +14,7 @@ from pathlib import Path
 from dosui_post.errors import DosuiPostError
 from dosui_post.report.process import run
 
+_STREAM_RUNS = 3  # the best counts
 _LIMIT = 120.0  # of the helpers [s]
 
 
@@ -105,10 +106,11 @@ def stream_bandwidth(program: Program, ranks: Iterable[int]) -> dict[str, float]
         return found
     with tempfile.TemporaryDirectory() as folder:
         for count in sorted(set(ranks)):
-            outcome = run([*program.launch(count), str(stream)], Path(folder), _LIMIT)
-            number = re.search(r"\d+(\.\d+)?", outcome.output)
-            if outcome.status == 0 and number is not None:
-                found[str(count)] = float(number[0])
+            for _ in range(_STREAM_RUNS):
+                outcome = run([*program.launch(count), str(stream)], Path(folder), _LIMIT)
+                number = re.search(r"\d+(\.\d+)?", outcome.output)
+                if outcome.status == 0 and number is not None:
+                    found[str(count)] = max(float(number[0]), found.get(str(count), 0.0))
     return found
 
 

@@ -18,12 +18,12 @@ SEMI_IMPLICIT = Method("semi-implicit", "semi_implicit")
 SEMI_SCALED = Method("semi-implicit, scaled inertia", "semi_implicit", is_scaled=True)
 
 METHODS = (
-    EXPLICIT,
-    TWO_PASS,
-    SCALED,
+    QUASI_STATIC,
     SEMI_IMPLICIT,
     SEMI_SCALED,
-    QUASI_STATIC,
+    EXPLICIT,
+    SCALED,
+    TWO_PASS,
     QUASI_STATIC_TWO_PASS,
 )
 """In the order of lines and tables."""

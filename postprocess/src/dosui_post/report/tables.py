@@ -53,7 +53,7 @@ def efficiency_rows(runs: Sequence[Run]) -> list[list[str]]:
 def _time_to(own: Sequence[Run], level: float, runs: Sequence[Run]) -> str:
     best = first_to_reach(own, level)
     if best is not None:
-        return f"**{seconds(best.wall)}** ({settings(best)}, {best.steps:.0f} steps)"
+        return f"**{seconds(best.wall)}** ({settings(best)})"
     measured = [run for run in own if run.is_measured]
     if measured:
         smallest = min(run.error for run in measured)
@@ -73,7 +73,7 @@ def _estimate_to(estimated: Sequence[Run], level: float, runs: Sequence[Run]) ->
     for run in estimated:
         twin = soft_twin(run, runs)
         if twin is not None and twin.error <= level:
-            wall = twin.wall * run.steps / twin.steps
+            wall = (twin.wall - twin.startup) * run.steps / twin.steps
             if best is None or wall < best[0]:
                 best = wall, run
     if best is None:
@@ -136,7 +136,8 @@ def _full_row(run: Run) -> list[str]:
     row = [run.scene, run.method, f"{run.spacing:g}", short(run.control), str(run.ranks)]
     row.append(str(run.particles) if run.particles else "-")
     if run.state == DONE:
-        times = [f"{run.wall:.3g}", f"{run.cpu:.3g}", f"{run.startup:.2g}"]
+        times = [f"{run.wall:.3g}", f"{run.cpu:.3g}"]
+        times.append(f"{run.startup:.2g}" if run.startup > 0 else "-")
         errors = [f"{run.errors.get(f'{t:g}', float('nan')):.1e}" for t in TIME_FACTORS]
         return [*row, f"{run.steps:.0f}", *times, f"{run.error:.1e}", *errors]
     steps = number(float(f"{run.steps:.1e}"))
@@ -227,7 +228,7 @@ def seconds(value: float) -> str:
 
 def percent(value: float) -> str:
     """An error for people."""
-    return f"{100 * value:.2g} %"
+    return f"{100 * value:.2g} %" if value < 1 else f"{100 * value:.0f} %"
 
 
 def short(control: str) -> str:
@@ -236,6 +237,11 @@ def short(control: str) -> str:
 
 
 def settings(run: Run) -> str:
-    """Spacing, control and ranks of a run."""
-    ranks = f", {run.ranks} ranks" if run.ranks > 1 else ""
-    return f"dx = {run.spacing:g} m, {short(run.control)}{ranks}"
+    """Spacing, control, ranks and steps of a run."""
+    steps = f"{run.steps:.0f} steps"
+    parts = [f"dx = {run.spacing:g} m"]
+    if run.control != steps:
+        parts.append(short(run.control))
+    if run.ranks > 1:
+        parts.append(f"{run.ranks} ranks")
+    return ", ".join([*parts, steps])

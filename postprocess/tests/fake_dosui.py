@@ -8,12 +8,6 @@ import sys
 import time
 from pathlib import Path
 
-import numpy as np
-import synthetic
-
-from dosui_post.case import ColumnCase, MandelCase, _build
-from dosui_post.result import Scene
-
 VERSION = "dosui 9.9.9 (0123456789ab, Release)\ncompiler GNU 12.2.0"
 
 
@@ -25,6 +19,12 @@ def log(word: str) -> None:
 
 def compute(text: str, name: Path) -> int:
     """Writes the result; returns the steps."""
+    import numpy as np  # slow to import: not for --version and --check
+    import synthetic
+
+    from dosui_post.case import ColumnCase, MandelCase, _build
+    from dosui_post.result import Scene
+
     text = text.replace("&water ", "&water unit_weight = 9810.0 ")  # a default, as in the echo
     scene = Scene(text, text)
     case = _build(scene)

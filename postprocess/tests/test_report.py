@@ -151,13 +151,13 @@ def test_too_long(fake: Fake, monkeypatch: pytest.MonkeyPatch) -> None:
     """The process is ended; a longer limit tries again, the same one does not."""
     monkeypatch.setenv("FAKE_HANG", "1")
     one = ("--only", "^terzaghi: explicit, dx = 0.125")
-    assert fake.report(*one, "--timeout", "4") == 0
+    assert fake.report(*one, "--timeout", "3") == 0
     assert [row["state"] for row in fake.table()] == ["timeout"]
     pid = int(re.search(r"pid (\d+)", fake.log.read_text())[1])  # type: ignore[index]
     with pytest.raises(ProcessLookupError):
         os.kill(pid, 0)
     monkeypatch.delenv("FAKE_HANG")
-    assert fake.report(*one, "--timeout", "3") == 0
+    assert fake.report(*one, "--timeout", "2") == 0
     assert fake.runs == 1
     assert fake.report(*one, "--timeout", "50") == 0
     assert [row["state"] for row in fake.table()] == ["done"]

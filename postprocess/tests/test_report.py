@@ -283,6 +283,7 @@ def test_efficiency() -> None:
         run("semi-implicit", 0.1, 0.0, state=REFUSED, message="not yet"),
         run("explicit", 0.0, math.nan, scene="terzaghi-stiff", state=ESTIMATED, steps=1e9),
         run("other", 0.3, 9e-3),
+        run("worse", 0.3, 2.9),
     ]
     table = {(row[0], row[1]): row[2:] for row in efficiency_rows(runs)}
     soft, stiff = (PROBLEMS[name].title for name in ("terzaghi", "terzaghi-stiff"))
@@ -296,9 +297,14 @@ def test_efficiency() -> None:
         "not run: estimated 23 days (dx = 0.05 m, 10⁹ steps)",
         "not run (at least 10⁹ steps)",
     ]
-    assert list(table)[-2] == (soft, "other")  # after dosui's own
+    assert list(table)[-1] == (stiff, "explicit")
+    assert [method for scene, method in table if scene == soft][-2:] == [
+        "other",
+        "worse",
+    ]  # after dosui's own
+    assert table[soft, "worse"][0] == "not reached (best 290 %)"
     assert first_to_reach(runs, 1e-9) is None
-    assert refusals(runs) == [("semi-implicit (Terzaghi, soft water): refused", "not yet")]
+    assert refusals(runs) == [("semi-implicit (Terzaghi, soft water)", "refused: not yet")]
     assert all(len(row) == len(full_rows(runs)[0]) for row in full_rows(runs))
 
 

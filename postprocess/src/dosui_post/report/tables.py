@@ -146,12 +146,17 @@ def _full_row(run: Run) -> list[str]:
 
 
 def refusals(runs: Sequence[Run]) -> list[tuple[str, str]]:
-    """Methods and why they were not measured, each reason once."""
-    found: dict[tuple[str, str], None] = {}
+    """Methods with their scenes, and why they were not measured."""
+    scenes: dict[tuple[str, str, str], list[str]] = {}
     for run in ordered(runs):
         if run.state in (REFUSED, FAILED, TIMEOUT):
-            found[f"{run.method} ({PROBLEMS[run.scene].title}): {run.state}", run.message] = None
-    return list(found)
+            titles = scenes.setdefault((run.method, run.state, run.message), [])
+            if PROBLEMS[run.scene].title not in titles:
+                titles.append(PROBLEMS[run.scene].title)
+    return [
+        (f"{method} ({'; '.join(titles)})", f"{state}: {message}")
+        for (method, state, message), titles in scenes.items()
+    ]
 
 
 def markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -228,7 +233,7 @@ def seconds(value: float) -> str:
 
 def percent(value: float) -> str:
     """An error for people."""
-    return f"{100 * value:.2g} %" if value < 1 else f"{100 * value:.0f} %"
+    return f"{100 * value:.3g} %" if value < 1 else f"{100 * value:.0f} %"
 
 
 def short(control: str) -> str:

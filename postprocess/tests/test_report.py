@@ -87,6 +87,7 @@ def test_page_pictures_and_table(fake: Fake, capsys: pytest.CaptureFixture[str])
     assert [row["state"] for row in rows].count("refused") == 2
     done = [row for row in rows if row["state"] == "done"]
     assert len(done) == 4 == fake.runs
+    assert {row["program"] for row in rows} == {"dosui 9.9.9 (0123456789ab, Release)"}
     for row in done:
         dx = float(row["spacing_m"])
         assert float(row["largest_error"]) == pytest.approx(dx**2, rel=1e-6)
@@ -377,7 +378,7 @@ def test_ogs(fake: Fake, tmp_path: Path) -> None:
     assert [row["state"] for row in rows] == ["done"] * 3
     # 1 % and the bilinear interpolation to the centres.
     assert all(5e-3 < float(row["largest_error"]) < 2e-2 for row in rows)
-    assert f"*{ogs.METHOD}*: quadratic" in fake.page()
+    assert f"*{ogs.METHOD}* (OpenGeoSys 6.9.9): quadratic" in fake.page()
     assert "OpenGeoSys" in (fake.output / "runs.jsonl").read_text()
 
 

@@ -74,6 +74,7 @@ def _empty(job: Job, program: Program) -> Run:
         ranks=job.ranks,
         state=FAILED,
         when=date.today().isoformat(),
+        program=program.version.splitlines()[0],
     )
 
 

@@ -377,6 +377,7 @@ def _measure(job: OgsJob, program: str, version: str, repeat: int, limit: float)
         particles=len(mesh.points),
         steps=float(len(step_ends(job.problem, job.n))),
         when=date.today().isoformat(),
+        program=f"OpenGeoSys {version}",
     )
     for _ in range(repeat):
         with tempfile.TemporaryDirectory(prefix="dosui_report_") as name:

@@ -58,10 +58,11 @@ above 100 % are not drawn.
 A run that is finished is not made again: an interrupted report goes on where it was.
 """
 
-_OGS = f"""*{OGS}*: quadratic displacements, linear pressures on squares of the width dx,
-backward Euler with fixed steps that grow until T = 0.05, direct solver, its pressures compared in
-the middle of the elements; *particles* counts nodes. Its own step control and other elements may do
-better. Mandel's rigid plate is left out: it has no condition that ties displacements together.
+_OGS = f"""*{OGS}* ({{versions}}): quadratic displacements, linear pressures on squares of
+the width dx, backward Euler with fixed steps that grow until T = 0.05, direct solver, its pressures
+compared in the middle of the elements; *particles* counts nodes. Its own step control and other
+elements may do better. Mandel's rigid plate is left out: it has no condition that ties
+displacements together.
 """
 
 
@@ -93,12 +94,17 @@ def write_page(
         ),
         refused=f"\nNot measured:\n\n{reasons}\n" if reasons else "",
         full=markdown(FULL_HEAD, full_rows(runs)),
-        others=_OGS if any(run.method == OGS for run in runs) else "",
+        others=_others(runs),
         command=command,
     )
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text, encoding="utf-8")
     return path
+
+
+def _others(runs: Sequence[Run]) -> str:
+    versions = sorted({run.program for run in runs if run.method == OGS})
+    return _OGS.format(versions=", ".join(versions)) if versions else ""
 
 
 def _dates(runs: Sequence[Run]) -> str:

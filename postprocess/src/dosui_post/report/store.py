@@ -39,6 +39,8 @@ class Run:
     """runs, of which this is the fastest"""
     when: str = ""
     """date"""
+    program: str = ""
+    """name and version"""
 
     @property
     def error(self) -> float:

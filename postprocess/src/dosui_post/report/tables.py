@@ -193,7 +193,7 @@ def write_csv(path: Path, runs: Sequence[Run]) -> None:
         out.writerow(
             list(_CSV_HEAD)
             + [f"error_T_{factor:g}" for factor in TIME_FACTORS]
-            + ["repeats", "date"]
+            + ["repeats", "date", "program"]
         )
         for run in ordered(runs):
             errors = [run.errors.get(f"{factor:g}", "") for factor in TIME_FACTORS]
@@ -216,6 +216,7 @@ def write_csv(path: Path, runs: Sequence[Run]) -> None:
                     *errors,
                     run.repeats,
                     run.when,
+                    run.program,
                 ]
             )
 

@@ -1,6 +1,7 @@
 """The command `dosui-post`.
 
-Exit status: 0 all right, 1 a verification failed, 2 a wrong request or an unreadable file.
+Exit status: 0 all right, 1 a verification failed, 2 a wrong request or an unreadable file,
+3 a report was interrupted.
 """
 
 from __future__ import annotations
@@ -8,6 +9,7 @@ from __future__ import annotations
 import argparse
 import math
 import os
+import shlex
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -24,6 +26,7 @@ _PASSED, _FAILED, _WRONG = 0, 1, 2
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command; returns the exit status."""
     options = _parser().parse_args(arguments)
+    options.arguments = sys.argv[1:] if arguments is None else list(arguments)
     try:
         status: int = options.run(options)
         sys.stdout.flush()
@@ -117,6 +120,25 @@ def _animate(options: argparse.Namespace) -> int:
         )
 
 
+def _report(options: argparse.Namespace) -> int:
+    from dosui_post.report.command import Request, report
+
+    return report(
+        Request(
+            output=options.output,
+            program=options.program,
+            is_quick=options.quick,
+            only=options.only,
+            repeat=options.repeat,
+            limit=options.timeout,
+            mpirun=tuple(shlex.split(options.mpirun)),
+            page=options.page,
+            ogs=options.ogs,
+            command=shlex.join(["dosui-post", *options.arguments]),
+        )
+    )
+
+
 def _output(options: argparse.Namespace, ending: str) -> Path:
     """What was asked for, else <result>_<ending> in the working directory."""
     if options.output is not None:
@@ -143,6 +165,7 @@ def _parser() -> argparse.ArgumentParser:
     plot = commands.add_parser("plot", help="draw a figure")
     _add_plots(plot.add_subparsers(metavar="FIGURE", required=True))
     _add_animate(commands)
+    _add_report(commands)
     return parser
 
 
@@ -222,6 +245,43 @@ def _add_animate(commands: _Commands) -> None:
     animate.set_defaults(run=_animate)
 
 
+def _add_report(commands: _Commands) -> None:
+    report = commands.add_parser(
+        "report",
+        help="measure speed against error",
+        description="Runs Terzaghi's and Mandel's problems with every integrator, operator and"
+        " several spacings and tolerances; writes DIR/runs.csv, pictures and a page. Finished runs"
+        " are kept in DIR/runs.jsonl: the same command goes on after an interruption (exit"
+        " status 3).",
+    )
+    report.add_argument("--program", type=Path, metavar="PATH", help="dosui (default: on PATH)")
+    report.add_argument(
+        "--output", "-o", type=Path, default=Path("report"), metavar="DIR", help="default: report"
+    )
+    report.add_argument("--quick", action="store_true", help="a few minutes instead of hours")
+    report.add_argument(
+        "--only",
+        default="",
+        metavar="PATTERN",
+        help="regular expression: runs such as 'mandel: quasi-static, dx = 0.01 m, ..., 2 ranks'",
+    )
+    report.add_argument(
+        "--repeat", type=_count, default=1, metavar="N", help="the fastest of N counts (default: 1)"
+    )
+    report.add_argument(
+        "--timeout", type=_positive, default=3600.0, metavar="S", help="of one run (default: 3600)"
+    )
+    report.add_argument("--mpirun", default="mpirun", metavar="COMMAND", help="default: mpirun")
+    report.add_argument(
+        "--page",
+        type=Path,
+        metavar="FILE",
+        help="where the page goes, pictures to images/ beside it (default: DIR/speed-and-error.md)",
+    )
+    report.add_argument("--ogs", metavar="PATH", help="compare with this OpenGeoSys")
+    report.set_defaults(run=_report)
+
+
 def _figure(
     figures: _Commands,
     name: str,
@@ -251,6 +311,13 @@ def _add_field(parser: argparse.ArgumentParser) -> None:
         "--component",
         help="x, y, z or magnitude of vectors; xx, yy, zz, xy, yz, zx or mean of stress",
     )
+
+
+def _count(text: str) -> int:
+    value = int(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"{text} is not a positive number")
+    return value
 
 
 def _positive(text: str) -> float:

@@ -1,0 +1,1 @@
+"""Speed against error: a matrix of runs, measured, drawn and written as a page."""

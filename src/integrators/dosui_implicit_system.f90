@@ -273,8 +273,8 @@ contains
     if (size(particle) == 1 .and. model%centred) then
       m = ndim*2**ndim   ! the cell's corners come first in its list of nodes
       do p = 1, 2**ndim
-        matrix(1:m, 1:m) = matrix(1:m, 1:m) + hourglass_stiffness/2**ndim*model%weight(k)* &
-                           product_of(hourglass(:, :, p), tangent)
+        matrix(1:m, 1:m) = matrix(1:m, 1:m) + hourglass_stiffness/2**ndim* &
+                           model%weight(particle(1))*product_of(hourglass(:, :, p), tangent)
       end do
     end if
     matrix = matrix*(self%length/self%force)

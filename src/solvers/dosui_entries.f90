@@ -25,7 +25,7 @@ contains
     if (.not. allocated(self%row)) then
       allocate (self%row(1024), self%column(1024), self%value(1024))
     else if (self%n == size(self%row)) then
-      call resize(self, self%n + self%n/2)
+      call resize(self, self%n + self%n/2 + 1)
     end if
     self%n = self%n + 1
     self%row(self%n) = row

@@ -6,7 +6,7 @@ add_library(dosui_test_flags INTERFACE)
 if(CMAKE_Fortran_COMPILER_ID STREQUAL "GNU")
   set(CMAKE_Fortran_FLAGS_DEBUG "-g -Og" CACHE STRING "" FORCE)
   set(CMAKE_Fortran_FLAGS_RELEASE "-O3" CACHE STRING "" FORCE)
-  set(checks -fcheck=all -finit-real=snan -ffpe-trap=invalid,zero,overflow -fbacktrace)
+  set(checks -fcheck=all,no-array-temps -finit-real=snan -ffpe-trap=invalid,zero,overflow -fbacktrace)
   set(warnings -std=f2008 -Wall -Wextra -Wimplicit-interface)
   target_compile_options(dosui_flags INTERFACE
     $<$<COMPILE_LANGUAGE:Fortran>:-std=f2008 $<$<CONFIG:Debug>:${warnings} ${checks} -Werror>>)

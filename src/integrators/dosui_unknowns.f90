@@ -94,18 +94,21 @@ contains
     !! Held components, and the unknowns that plates share. Later conditions win.
     class(unknowns_t), intent(inout) :: self
     type(model_t), intent(inout) :: model
-    integer :: k, slot, node, a, master
-    real(wp) :: master_sign
+    integer :: k, slot, node, a
 
     associate (set => model%nodal_conditions)
       if (allocated(self%plate_row)) deallocate (self%plate_row, self%plate_is_mine)
       allocate (self%plate_row(size(set%plate_condition)), source=huge(1))
       allocate (self%plate_is_mine(size(set%plate_condition)), source=.false.)
       do k = 1, set%n_constraint
+        self%is_held(set%direction(k), set%node(k)) = .not. set%plate(k)
+      end do
+      ! a node that a later condition holds does not lend its row
+      do k = 1, set%n_constraint
         node = set%node(k)
         a = set%direction(k)
-        self%is_held(a, node) = .not. set%plate(k)
-        if (.not. set%plate(k) .or. self%row(a, node) == no_row) cycle
+        if (self%is_held(a, node) .or. .not. set%plate(k)) cycle
+        if (self%row(a, node) == no_row) cycle
         slot = findloc(set%plate_condition, set%condition(k), dim=1)
         self%plate_row(slot) = min(self%plate_row(slot), self%own_row(a, node))
       end do
@@ -116,20 +119,17 @@ contains
       do k = 1, set%n_constraint
         node = set%node(k)
         a = set%direction(k)
-        if (.not. set%plate(k)) then
+        if (self%is_held(a, node)) then
           self%row(a, node) = no_row
           self%sign(a, node) = 0.0_wp
-          cycle
+        else if (set%plate(k) .and. self%row(a, node) /= no_row) then
+          slot = findloc(set%plate_condition, set%condition(k), dim=1)
+          self%plate_is_mine(slot) = self%plate_is_mine(slot) .or. &
+                                     (self%own_row(a, node) == self%plate_row(slot) .and. &
+                                      model%grid%node_map%is_owned(node))
+          self%row(a, node) = self%plate_row(slot)
+          self%sign(a, node) = set%outward(k)   ! the shared unknown is the motion outward
         end if
-        slot = findloc(set%plate_condition, set%condition(k), dim=1)
-        if (self%row(a, node) == no_row) cycle
-        master = self%plate_row(slot)
-        master_sign = set%outward(k)   ! the shared unknown is the motion outward
-        self%plate_is_mine(slot) = self%plate_is_mine(slot) .or. &
-                                   (self%own_row(a, node) == master .and. &
-                                    model%grid%node_map%is_owned(node))
-        self%row(a, node) = master
-        self%sign(a, node) = master_sign
       end do
     end associate
   end subroutine number_plates

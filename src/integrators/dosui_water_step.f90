@@ -9,7 +9,8 @@ module dosui_water_step
   implicit none
   private
 
-  public :: add_sources, update_pressure, head_of_particles, darcy_velocity, water_rate, surface_elevation
+  public :: add_sources, update_pressure, head_of_particles, darcy_velocity, water_rate, &
+            surface_elevation
 
 contains
 

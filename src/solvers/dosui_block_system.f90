@@ -366,8 +366,8 @@ contains
     status = 0
     if (.not. c_associated(self%right)) then
       call make_vector(self%comm%size, 1, n, sum(self%n_all), right_side, self%right, status)
-      if (status == 0) call make_vector(self%comm%size, 1, n, sum(self%n_all), solution, self%left, &
-                                        status)
+      if (status == 0) call make_vector(self%comm%size, 1, n, sum(self%n_all), solution, &
+                                        self%left, status)
     else
       status = vec_place_array(self%right, c_loc(right_side))
       if (status == 0) status = vec_place_array(self%left, c_loc(solution))
@@ -408,12 +408,17 @@ contains
     real(wp), intent(in), target, contiguous :: x(:)      !! (n_u + n_p)
     real(wp), intent(inout), target, contiguous :: y(:)   !! likewise
     type(error_t), intent(inout) :: err
-    type(c_ptr) :: in, out
+    type(c_ptr) :: in, out, operator
     integer :: status
 
-    call make_vector(self%comm%size, 1, sum(self%n), sum(self%n_all), x, in, status)
-    if (status == 0) call make_vector(self%comm%size, 1, sum(self%n), sum(self%n_all), y, out, status)
-    if (status == 0) status = mat_mult(self%nest, in, out)
+    operator = self%nest
+    if (self%n_all(block_p) == 0) operator = self%block(block_u, block_u)%mat
+    if (self%n_all(block_u) == 0) operator = self%block(block_p, block_p)%mat
+    associate (n => sum(self%n), n_all => sum(self%n_all))
+      call make_vector(self%comm%size, 1, n, n_all, x, in, status)
+      if (status == 0) call make_vector(self%comm%size, 1, n, n_all, y, out, status)
+    end associate
+    if (status == 0) status = mat_mult(operator, in, out)
     if (status == 0) status = vec_destroy(in)
     if (status == 0) status = vec_destroy(out)
     call report('a product', status, err)

@@ -255,7 +255,8 @@ module dosui_petsc
       type(c_ptr), value :: ksp
       real(c_double), intent(out) :: norm
     end function ksp_residual
-    integer(c_int) function solver_type_get(solver, matrix, factor, has_solver, has_matrix, create) &
+    integer(c_int) function solver_type_get(solver, matrix, factor, has_solver, has_matrix, &
+                                            create) &
       bind(c, name='MatSolverTypeGet')
       import :: c_int, c_ptr, c_char
       implicit none

@@ -10,6 +10,7 @@ module dosui_run_files
   use dosui_probes, only: add_probe_columns, probe_value
   use dosui_result_fields, only: field_values, points_in_space, result_fields
   use dosui_result_file, only: result_field_t, result_file_t, result_layout_t
+  use dosui_water_balance, only: balance_error, balance_sums
   implicit none
   private
 
@@ -85,7 +86,7 @@ contains
     type(history_t), intent(inout) :: history
     type(model_t), intent(in) :: model
     type(error_t), intent(inout) :: err
-    integer :: column
+    integer :: column, c
 
     call history%add_column('time', 's', column, err)
     call history%add_column('dt', 's', column, err)
@@ -98,6 +99,11 @@ contains
       call history%add_column('water_inflow', 'm3', column, err)
       call history%add_column('water_squeezed', 'm3', column, err)
       call history%add_column('water_balance_error', '', column, err)
+      do c = 1, size(model%scene%hydraulic_condition)
+        call history%add_column('inflow_'//trim(model%scene%hydraulic_condition(c)%surface), &
+                                'm3', column, err)
+      end do
+      if (model%sources%has_water) call history%add_column('inflow_sources', 'm3', column, err)
     end if
     call add_probe_columns(model%scene%probe, model%coupled, history, err)
   end subroutine define_history
@@ -106,14 +112,14 @@ contains
     !! Adds a row to the histories when its time has come. Collective.
     class(run_files_t), intent(inout) :: self
     type(model_t), intent(inout) :: model
-    real(wp), allocatable :: row(:), sums(:)
+    real(wp), allocatable :: row(:), sums(:), water(:)
     real(wp) :: intervals
     integer :: k, p
 
     if (model%clock%time < self%next_history*(1.0_wp - 1.0e-12_wp)) return
     intervals = aint(model%clock%time/self%history_interval*(1.0_wp + 1.0e-12_wp))
     self%next_history = (intervals + 1.0_wp)*self%history_interval
-    sums = [0.0_wp, 0.0_wp, 0.0_wp, 0.0_wp, 0.0_wp, 0.0_wp]
+    sums = [0.0_wp, 0.0_wp, 0.0_wp]
     associate (field => model%particles%field, h => model%p)
       sums(1) = real(model%particles%count, wp)
       do p = 1, model%particles%count
@@ -122,23 +128,16 @@ contains
                   sum(field(h%velocity)%values(:, p)**2)
       end do
     end associate
-    sums(4:6) = [model%balance%stored, model%balance%inflow, model%balance%squeezed]
     call model%comm%sum_array(sums)
     row = [model%clock%time, model%clock%dt, real(model%clock%step, wp), sums(1:3)]
-    if (model%coupled) row = [row, sums(4:6), balance_error(sums(4), sums(5), sums(6))]
+    if (model%coupled) then
+      call balance_sums(model, water)
+      k = size(water) - merge(0, 1, model%sources%has_water)
+      row = [row, water(1:3), balance_error(water), water(4:k)]
+    end if
     row = [row, (probe_value(model, model%scene%probe(k)), k=1, size(model%scene%probe))]
     if (model%comm%is_root()) call self%history%append(row)
   end subroutine run_files_sample
-
-  pure real(wp) function balance_error(stored, inflow, squeezed) result(error)
-    !! What is missing in stored = inflow + squeezed, relative to the largest of them [-].
-    real(wp), intent(in) :: stored, inflow, squeezed   !! [m3]
-    real(wp) :: largest
-
-    largest = max(abs(stored), abs(inflow), abs(squeezed))
-    error = 0.0_wp
-    if (largest > 0.0_wp) error = abs(stored - inflow - squeezed)/largest
-  end function balance_error
 
   subroutine run_files_write_step(self, model, err)
     !! Writes all fields and the waiting histories. Collective.
@@ -173,17 +172,16 @@ contains
     type(model_t), intent(inout) :: model
     type(error_t), intent(inout) :: err
     type(checkpoint_writer_t) :: writer
-    real(wp) :: sums(3)
-
-    sums = [model%balance%stored, model%balance%inflow, model%balance%squeezed]
-    call model%comm%sum_array(sums)
+    real(wp), allocatable :: balance(:)
     call self%result%write_history(model%comm, self%history, err)   ! a restart keeps no rows
     call writer%begin(model%comm, self%stem//'.restart.h5', model%scene%text, git_hash, err)
     call writer%write_values(model%comm, 'clock', &
                              [model%clock%time, real(model%clock%step, wp), &
                               real(model%clock%output, wp), self%next_history, model%movement, &
-                              real(model%removed, wp), real(model%brick_edge, wp), sums, &
+                              real(model%removed, wp), real(model%brick_edge, wp), &
                               model%density, model%next_dt, model%pressure_scale], err)
+    call balance_sums(model, balance)
+    call writer%write_values(model%comm, 'balance', balance, err)
     call writer%write_values(model%comm, 'bricks', brick_table(model), err)
     call writer%write_set(model%comm, 'particles', model%particles, err)
     call writer%write_set(model%comm, 'surface', model%surface, err)
@@ -199,11 +197,12 @@ contains
     logical, intent(out) :: same_ranks
     type(error_t), intent(inout) :: err
     type(checkpoint_reader_t) :: reader
-    real(wp), allocatable :: clock(:), bricks(:)
+    real(wp), allocatable :: clock(:), bricks(:), balance(:)
 
     same_ranks = .false.
     call reader%begin(model%comm, path, err)
     if (.not. err%failed()) call reader%read_values(model%comm, 'clock', clock, err)
+    if (.not. err%failed()) call reader%read_values(model%comm, 'balance', balance, err)
     if (.not. err%failed()) call reader%read_values(model%comm, 'bricks', bricks, err)
     if (.not. err%failed()) call reader%read_set(model%comm, 'particles', model%particles, err)
     if (.not. err%failed()) call reader%read_set(model%comm, 'surface', model%surface, err)
@@ -218,14 +217,14 @@ contains
     model%movement = clock(5)
     model%removed = int(clock(6), i8)
     model%brick_edge = nint(clock(7))
-    model%density = clock(11)
-    model%next_dt = clock(12)
-    model%pressure_scale = clock(13)
+    model%density = clock(8)
+    model%next_dt = clock(9)
+    model%pressure_scale = clock(10)
     if (same_ranks) call take_bricks(model, bricks)
     if (.not. model%comm%is_root()) return
-    model%balance%stored = clock(8)
-    model%balance%inflow = clock(9)
-    model%balance%squeezed = clock(10)
+    model%balance%stored = balance(1)
+    model%balance%squeezed = balance(3)
+    model%balance%inflow = balance(4:)
   end subroutine run_files_read_checkpoint
 
   function brick_table(model) result(table)

@@ -41,6 +41,7 @@ contains
     model%centred = model%averaged .and. scene%mechanics%coupling_gradient /= 'particle'
     n = size(scene%hydraulic_condition)
     allocate (model%condition_surface(n))
+    allocate (model%balance%inflow(n + 1), source=0.0_wp)
     do k = 1, n
       model%condition_surface(k) = findloc(scene%surface%name == &
                                            scene%hydraulic_condition(k)%surface, .true., dim=1)

@@ -18,6 +18,7 @@ module dosui_simulation
   use dosui_text, only: to_text
   use dosui_topology, only: build_geometry, distribute, needs_rebuild, refresh_storage, &
                             refresh_weights
+  use dosui_water_balance, only: balance_error, balance_sums
   implicit none
   private
 
@@ -502,9 +503,21 @@ contains
                           to_text(real(n, wp)*real(model%clock%step, wp)/total, 3)// &
                           ', rebuilds '//to_text(model%rebuilds))
     end if
+    if (model%coupled) call say_balance(model)
     if (model%removed > 0_i8) call model%log%info('particles removed '//to_text(model%removed))
     call model%log%summary()
   end subroutine summarise
+
+  subroutine say_balance(model)
+    !! The water's balance over the whole run. Collective.
+    type(model_t), intent(in) :: model
+    real(wp), allocatable :: sums(:)
+
+    call balance_sums(model, sums)
+    call model%log%info('water stored '//to_text(sums(1), 4)//' m3 = inflow '// &
+                        to_text(sums(2), 4)//' + squeezed out of pores '//to_text(sums(3), 4)// &
+                        ', missing '//to_text(100.0_wp*balance_error(sums), 2)//' %')
+  end subroutine say_balance
 
   function column(seconds) result(text)
     !! A number in a column of the summary.

@@ -33,11 +33,12 @@ module dosui_head_operator
     procedure :: clear => head_operator_clear
     procedure :: build => head_operator_build
     procedure :: apply => head_operator_apply
+    procedure :: fit => head_operator_fit
     procedure :: flux => head_operator_flux
     procedure :: largest_row_sum => head_operator_largest_row_sum
   end type head_operator_t
 
-  type :: stencil_t
+  type, public :: stencil_t
     !! The rows that determine one particle's fit.
     integer :: n = 0
     real(wp) :: r(ndim, max_rows)          !! offsets in spacings [-]
@@ -290,6 +291,42 @@ contains
     end do
   end subroutine head_operator_apply
 
+  pure subroutine head_operator_fit(self, i, position, spacing, radius, point_position, &
+                                    point_normal, stencil, n_near, matrix, regular)
+    !! Kernel: the fit that made a row, again: its rows and its factorised normal matrix.
+    class(head_operator_t), intent(in) :: self
+    integer, intent(in) :: i                                  !! particle
+    real(wp), intent(in) :: position(:, :)                    !! of particles [m]
+    real(wp), intent(in) :: spacing, radius                   !! dx [m], R/dx [-]
+    real(wp), intent(in) :: point_position(:, :), point_normal(:, :)   !! of surface points
+    type(stencil_t), intent(inout) :: stencil
+    integer, intent(out) :: n_near        !! the first rows are particles, the others surface points
+    real(wp), intent(out) :: matrix(n_basis, n_basis)
+    logical, intent(out) :: regular
+    real(wp) :: r(ndim)
+    integer :: k, first, b
+
+    first = self%row_start(i)
+    n_near = min(self%row_start(i + 1) - first, max_rows/2)
+    call particle_rows(position(:, i), n_near, self%column(first:first + n_near - 1), position, &
+                       spacing, radius, stencil)
+    do k = self%boundary_start(i), self%boundary_start(i + 1) - 1
+      b = self%boundary_point(k)
+      stencil%n = stencil%n + 1
+      r = (point_position(:, b) - position(:, i))/spacing
+      if (self%boundary_is_head(k)) then
+        stencil%basis(:, stencil%n) = quadratic_basis(r)
+      else
+        r = dot_product(r, point_normal(:, b))*point_normal(:, b)
+        stencil%basis(:, stencil%n) = quadratic_basis_slope(r, point_normal(:, b))
+      end if
+      stencil%r(:, stencil%n) = r
+      stencil%weight(stencil%n) = wendland_weight(norm2(r)/radius)
+    end do
+    call normal_matrix(stencil, matrix)
+    call factorise(n_basis, matrix, regular)
+  end subroutine head_operator_fit
+
   pure subroutine head_operator_flux(self, position, conductivity, spacing, radius, &
                                      point_position, point_normal, head, datum, flux)
     !! Kernel: Darcy flux w = -k grad h of owned particles, from the first derivatives of the same
@@ -301,41 +338,33 @@ contains
     real(wp), intent(in) :: head(:), datum(:)                 !! as for `apply`
     real(wp), intent(inout) :: flux(:, :)                     !! (ndim, n_row) [m/s]
     type(stencil_t) :: stencil
-    real(wp) :: matrix(n_basis, n_basis), right(n_basis), r(ndim), value
+    real(wp) :: matrix(n_basis, n_basis), right(n_basis), value
     integer :: i, k, first, n_near, b
     logical :: regular
 
     do i = 1, self%n_row
-      first = self%row_start(i)
-      n_near = min(self%row_start(i + 1) - first, max_rows/2)
-      call particle_rows(position(:, i), n_near, self%column(first:first + n_near - 1), position, &
-                         spacing, radius, stencil)
-      right = 0.0_wp
-      do k = 1, n_near
-        right = right + stencil%weight(k)*stencil%basis(:, k)* &
-                (head(self%column(first + k - 1)) - head(i))
-      end do
-      do k = self%boundary_start(i), self%boundary_start(i + 1) - 1
-        b = self%boundary_point(k)
-        stencil%n = stencil%n + 1
-        if (self%boundary_is_head(k)) then
-          r = (point_position(:, b) - position(:, i))/spacing
-          stencil%basis(:, stencil%n) = quadratic_basis(r)
-          value = datum(b) - head(i)
-        else
-          r = dot_product(point_position(:, b) - position(:, i), point_normal(:, b))/spacing* &
-              point_normal(:, b)
-          stencil%basis(:, stencil%n) = quadratic_basis_slope(r, point_normal(:, b))
-          value = 0.0_wp
-          if (conductivity(i) > 0.0_wp) value = -spacing*datum(b)/conductivity(i)
-        end if
-        stencil%weight(stencil%n) = wendland_weight(norm2(r)/radius)
-        right = right + stencil%weight(stencil%n)*stencil%basis(:, stencil%n)*value
-      end do
-      call normal_matrix(stencil, matrix)
-      call factorise(n_basis, matrix, regular)
       flux(:, i) = 0.0_wp
+      call self%fit(i, position, spacing, radius, point_position, point_normal, stencil, n_near, &
+                    matrix, regular)
       if (.not. regular) cycle
+      first = self%row_start(i)
+      right = 0.0_wp
+      do k = 1, stencil%n
+        if (k <= n_near) then
+          value = head(self%column(first + k - 1)) - head(i)
+        else
+          b = self%boundary_start(i) + k - n_near - 1
+          if (self%boundary_is_head(b)) then
+            value = datum(self%boundary_point(b)) - head(i)
+          else
+            value = 0.0_wp
+            if (conductivity(i) > 0.0_wp) then
+              value = -spacing*datum(self%boundary_point(b))/conductivity(i)
+            end if
+          end if
+        end if
+        right = right + stencil%weight(k)*stencil%basis(:, k)*value
+      end do
       call solve_factored(n_basis, matrix, right)
       flux(:, i) = -conductivity(i)*right(1:ndim)/spacing
     end do

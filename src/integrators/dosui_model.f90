@@ -22,6 +22,7 @@ module dosui_model
   use dosui_surface_forces, only: surface_forces_t
   use dosui_time_control, only: time_control_t
   use dosui_timers, only: timers_t
+  use dosui_surface_flux, only: surface_flux_t
   use dosui_two_pass_operator, only: two_pass_operator_t
   implicit none
   private
@@ -33,8 +34,8 @@ module dosui_model
   end type phase_timers_t
 
   type, public :: balance_t
-    !! Running sums over all particles, for the history and the closing summary.
-    real(wp) :: inflow = 0.0_wp      !! water that entered through surfaces [m3]
+    !! Running sums of this rank, for the history and the closing summary.
+    real(wp), allocatable :: inflow(:)   !! through each hydraulic condition, and of sources [m3]
     real(wp) :: squeezed = 0.0_wp    !! water displaced by the skeleton's volume change [m3]
     real(wp) :: stored = 0.0_wp      !! water stored by compression since the start [m3]
   end type balance_t
@@ -94,6 +95,7 @@ module dosui_model
     type(head_operator_t) :: head_operator
     type(two_pass_operator_t) :: two_pass
     type(hydraulic_conditions_t) :: hydraulic_conditions
+    type(surface_flux_t) :: surface_flux      !! measures the inflow
     type(storage_t) :: storage
     real(wp), allocatable :: head(:)          !! of owned and ghost particles [m]
     real(wp), allocatable :: elevation(:)     !! likewise [m]

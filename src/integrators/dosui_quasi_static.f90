@@ -17,6 +17,7 @@ module dosui_quasi_static
   use dosui_skeleton_step, only: gather_forces, update_particles, zero_velocities
   use dosui_text, only: to_text
   use dosui_time_control, only: step_limit_t
+  use dosui_water_balance, only: add_to_balance
   use dosui_water_step, only: add_sources, surface_elevation, water_rate
   implicit none
   private
@@ -37,6 +38,7 @@ module dosui_quasi_static
     integer :: n_rejected = 0
     integer :: n_failed = 0          !! linear solutions that did not converge
     real(wp), allocatable :: corner(:)   !! times at which a table changes its slope [s]
+    real(wp), allocatable, private :: inflow(:)   !! of the last attempt, for the balance [m3]
   contains
     procedure :: init => quasi_static_init
     procedure :: settle => quasi_static_settle
@@ -149,7 +151,7 @@ contains
                    'too large down to dt = '//to_text(model%clock%dt)//' s')
       return
     end if
-    call accept(model, motion, pressure, err)
+    call accept(self, model, motion, pressure, err)
     if (growth > 1.0_wp .and. growth < worthwhile) growth = 1.0_wp
     model%next_dt = max(growth, merge(1.0_wp, 0.0_wp, error_norm <= 1.0_wp))*model%clock%dt
     call model%clock%advance()
@@ -194,6 +196,7 @@ contains
     real(wp), intent(out) :: error_norm                    !! [-]
     type(error_t), intent(inout) :: err
     real(wp), allocatable :: supply(:), held(:, :), start(:), flow(:, :), content(:), force(:, :)
+    real(wp), dimension(size(model%balance%inflow), 3) :: inflow
     real(wp) :: t, dt, a
     logical :: has_held
 
@@ -213,20 +216,21 @@ contains
       start = model%particles%field(model%p%pore_pressure)%values(1, 1:n)
       allocate (flow(n, 3))
     end associate
-    call find_flow(model, t, start, flow(:, 1))
-    call find_flow(model, t + gamma*dt, start, flow(:, 2))
+    call find_flow(model, t, start, flow(:, 1), inflow(:, 1))
+    call find_flow(model, t + gamma*dt, start, flow(:, 2), inflow(:, 2))
     supply = a*(flow(:, 1) + flow(:, 2))
     call solve_stage(t + gamma*dt, .false.)
     if (err%failed()) return
-    call find_flow(model, t + gamma*dt, start + pressure, flow(:, 2))
+    call find_flow(model, t + gamma*dt, start + pressure, flow(:, 2), inflow(:, 2))
     content = a*(flow(:, 1) + flow(:, 2))
-    call find_flow(model, t + dt, start, flow(:, 3))
+    call find_flow(model, t + dt, start, flow(:, 3), inflow(:, 3))
     supply = content/(gamma*(2.0_wp - gamma)) + a*flow(:, 3)
     motion = motion/gamma   ! a guess for the whole step
     pressure = pressure/gamma
     call solve_stage(t + dt,.not. self%system%system%is_direct)
     if (err%failed()) return
-    call find_flow(model, t + dt, start + pressure, flow(:, 3))
+    call find_flow(model, t + dt, start + pressure, flow(:, 3), inflow(:, 3))
+    self%inflow = a*((inflow(:, 1) + inflow(:, 2))/(gamma*(2.0_wp - gamma)) + inflow(:, 3))
     call estimate_error(self, model, dt, a, flow, start, pressure, error_norm, err)
 
   contains
@@ -286,8 +290,9 @@ contains
     if (allowed > 0.0_wp) error_norm = root_mean_square(model, error_pressure)/allowed
   end subroutine estimate_error
 
-  subroutine accept(model, motion, pressure, err)
+  subroutine accept(self, model, motion, pressure, err)
     !! Puts the increments of a step on particles and surface points.
+    class(quasi_static_t), intent(in) :: self
     type(model_t), intent(inout) :: model
     real(wp), intent(in) :: motion(:, :)   !! of the nodes [m]
     real(wp), intent(in) :: pressure(:)    !! increments [Pa]
@@ -297,7 +302,10 @@ contains
       call zero_velocities(model)
       call move(model, motion/model%clock%dt, err)
     end if
-    if (model%coupled) call add_pressure(model, pressure)
+    if (model%coupled) then
+      call add_pressure(model, pressure)
+      call add_to_balance(model, self%inflow, pressure)
+    end if
   end subroutine accept
 
   subroutine move(model, velocity, err)
@@ -322,12 +330,13 @@ contains
     end associate
   end subroutine add_pressure
 
-  subroutine find_flow(model, time, pressure, flow)
+  subroutine find_flow(model, time, pressure, flow, inflow)
     !! F: water that flows into each particle per time [m3/s].
     type(model_t), intent(inout) :: model
     real(wp), intent(in) :: time          !! of the surfaces' heads and fluxes [s]
     real(wp), intent(in) :: pressure(:)   !! [Pa]
     real(wp), intent(out) :: flow(:)
+    real(wp), intent(out) :: inflow(:)    !! through surfaces, for the balance [m3/s]
     real(wp), allocatable :: elevation(:)
 
     call model%timers%start(model%phase%water)
@@ -335,7 +344,7 @@ contains
     call model%hydraulic_conditions%set_time(model%scene%hydraulic_condition, time, &
                                              model%scene%water%unit_weight, elevation)
     call water_rate(model, pressure, flow)
-    call add_sources(model, time, flow)
+    call add_sources(model, time, flow, inflow)
     flow = flow*model%weight
     call model%timers%stop(model%phase%water)
   end subroutine find_flow

@@ -17,6 +17,7 @@ module dosui_semi_implicit
   use dosui_skeleton_step, only: gather_forces, update_nodes, update_particles
   use dosui_text, only: to_text
   use dosui_time_control, only: step_limit_t
+  use dosui_water_balance, only: add_to_balance
   use dosui_water_step, only: add_sources, surface_elevation, water_rate
   implicit none
   private
@@ -46,7 +47,7 @@ contains
     type(model_t), intent(inout) :: model
     type(error_t), intent(inout) :: err
     type(error_t) :: failure
-    real(wp), allocatable :: pressure(:)
+    real(wp), allocatable :: pressure(:), rate(:), inflow(:)
     integer :: k, n
 
     n = model%particles%count
@@ -70,6 +71,11 @@ contains
       values(1, 1:n) = values(1, 1:n) + pressure
     end associate
     call update_particles(model, err)
+    allocate (rate(n), source=0.0_wp)   ! the balance needs the flow with the new pressures
+    allocate (inflow(size(model%balance%inflow)))
+    call water_rate(model, model%particles%field(model%p%pore_pressure)%values(1, 1:n), rate)
+    call add_sources(model, model%clock%time + model%clock%dt, rate, inflow)
+    call add_to_balance(model, model%clock%dt*inflow, pressure)
   end subroutine semi_implicit_step
 
   subroutine find_pressure(self, model, pressure, err)
@@ -120,6 +126,7 @@ contains
     type(model_t), intent(inout) :: model
     real(wp), intent(inout) :: supply(:)
     real(wp), allocatable :: elevation(:), pressure(:)
+    real(wp) :: inflow(size(model%balance%inflow))
     integer :: n
 
     call model%timers%start(model%phase%water)
@@ -130,7 +137,7 @@ contains
                                              model%clock%time + model%clock%dt, &
                                              model%scene%water%unit_weight, elevation)
     call water_rate(model, pressure, supply)
-    call add_sources(model, model%clock%time + model%clock%dt, supply)
+    call add_sources(model, model%clock%time + model%clock%dt, supply, inflow)
     supply = model%clock%dt*model%weight*supply
     call model%timers%stop(model%phase%water)
   end subroutine find_supply

@@ -526,6 +526,10 @@ contains
                                      model%scene%water%support_radius, m_local, xs(:, 1:m_local), &
                                      field(model%s%normal)%values(:, 1:m_local), patch, &
                                      model%hydraulic_conditions%kind, point_start, point_neighbour)
+      call model%surface_flux%build(model%comm, model%head_operator, x(:, 1:n_local), &
+                                    k(1, 1:n_local), model%spacing, &
+                                    model%scene%water%support_radius, model%surface_map, &
+                                    xs(:, 1:m_local), field(model%s%normal)%values(:, 1:m_local))
     end associate
     model%largest_row_sum = model%head_operator%largest_row_sum()
     call refresh_storage(model)

@@ -6,6 +6,7 @@ module dosui_water_step
   use dosui_ghosts, only: gather_field
   use dosui_model, only: model_t
   use dosui_super_time_stepping, only: stage_coefficients, stage_t
+  use dosui_water_balance, only: add_to_balance, inflow_rate
   implicit none
   private
 
@@ -92,31 +93,44 @@ contains
     end if
   end subroutine water_rate
 
-  subroutine add_sources(model, time, rate)
-    !! Adds the water that formulas supply to the rates of water content.
+  subroutine add_sources(model, time, rate, inflow)
+    !! Adds the water that formulas supply to the rates of water content, and finds the inflow of
+    !! all surfaces and sources for the balance, at the heads of the last `water_rate`.
     type(model_t), intent(in) :: model
     real(wp), intent(in) :: time           !! [s]
     real(wp), intent(inout) :: rate(:)     !! of owned particles [1/s]
+    real(wp), intent(out) :: inflow(:)     !! (conditions + 1) [m3/s]
+    real(wp), allocatable :: supply(:)
+    real(wp) :: supplied
+    integer :: n
 
-    if (.not. model%sources%has_water) return
-    call model%sources%add_water(model%particles%count, &
-                                 model%particles%field(model%p%position)%values, time, rate)
+    n = model%particles%count
+    supplied = 0.0_wp
+    if (model%sources%has_water) then
+      allocate (supply(n), source=0.0_wp)
+      call model%sources%add_water(n, model%particles%field(model%p%position)%values, time, supply)
+      rate(1:n) = rate(1:n) + supply
+      supplied = dot_product(model%weight(1:n), supply)
+    end if
+    call inflow_rate(model, supplied, inflow)
   end subroutine add_sources
 
-  subroutine pressure_rate(model, drained, pressure, rate)
+  subroutine pressure_rate(model, drained, pressure, rate, inflow)
     !! Rate of the pressures: storage times du/dt = inflow - volume change [Pa/s].
     type(model_t), intent(inout) :: model
     logical, intent(in) :: drained
     real(wp), intent(in) :: pressure(:)     !! [Pa]
     real(wp), intent(inout) :: rate(:)
+    real(wp), intent(out) :: inflow(:)      !! for the balance [m3/s]
     real(wp), allocatable :: sums(:), block(:)
     integer :: n
 
     n = model%particles%count
     rate(1:n) = 0.0_wp
+    inflow = 0.0_wp
     if (drained) then
       call water_rate(model, pressure, rate)
-      call add_sources(model, model%clock%time + 0.5_wp*model%clock%dt, rate)
+      call add_sources(model, model%clock%time + 0.5_wp*model%clock%dt, rate, inflow)
     end if
     if (.not. model%rigid) rate(1:n) = rate(1:n) - model%volume_strain(1:n)/model%clock%dt
     if (model%storage%projected) then
@@ -135,11 +149,12 @@ contains
     !! Pressures after a step: Euler sub-steps or the stages of super-time-stepping.
     type(model_t), intent(inout) :: model
     logical, intent(in) :: drained   !! false: the water stays where it is
-    real(wp), allocatable :: pressure(:), rate(:), elevation(:)
+    real(wp), allocatable :: pressure(:), rate(:), elevation(:), inflow(:), total(:)
     integer :: n, k, n_step
 
     call model%timers%start(model%phase%water)
     n = model%particles%count
+    allocate (inflow(size(model%balance%inflow)), total(size(model%balance%inflow)), source=0.0_wp)
     allocate (pressure(n), rate(n))
     pressure = model%particles%field(model%p%pore_pressure)%values(1, 1:n)
     call set_elevation(model)
@@ -151,40 +166,52 @@ contains
                                              model%clock%time + model%clock%dt, &
                                              model%scene%water%unit_weight, elevation)
     if (drained .and. model%stages > 0) then
-      call super_step(model, pressure)
+      call super_step(model, pressure, total)
     else
       n_step = merge(model%substeps, 1, drained)
       do k = 1, n_step
-        call pressure_rate(model, drained, pressure, rate)
+        call pressure_rate(model, drained, pressure, rate, inflow)
         pressure = pressure + model%clock%dt/real(n_step, wp)*rate
+        total = total + model%clock%dt/real(n_step, wp)*inflow
       end do
     end if
     if (drained .and. model%scene%water%operator == 'two_pass') call hold_heads(model, pressure)
-    model%particles%field(model%p%pore_pressure)%values(1, 1:n) = pressure
+    associate (now => model%particles%field(model%p%pore_pressure)%values)
+      if (drained) call add_to_balance(model, total, pressure - now(1, 1:n))
+      now(1, 1:n) = pressure
+    end associate
     call model%timers%stop(model%phase%water)
   end subroutine update_pressure
 
-  subroutine super_step(model, pressure)
+  subroutine super_step(model, pressure, inflow)
     !! One step of the model in RKL2 stages, the volume change held constant.
     type(model_t), intent(inout) :: model
     real(wp), intent(inout) :: pressure(:)   !! [Pa]
+    real(wp), intent(out) :: inflow(:)       !! of the step, for the balance [m3]
     type(stage_t), allocatable :: stage(:)
     real(wp), allocatable :: start(:), before(:), rate(:), first_rate(:), next(:)
+    real(wp), dimension(size(inflow)) :: first_inflow, inflow_before, inflow_now, inflow_next
     integer :: j
 
     stage = stage_coefficients(model%stages)
     start = pressure
     before = pressure
+    inflow_before = 0.0_wp   ! takes the same course from nothing
     allocate (rate(size(pressure)), first_rate(size(pressure)))
-    call pressure_rate(model, .true., start, first_rate)
+    call pressure_rate(model, .true., start, first_rate, first_inflow)
     pressure = start + stage(1)%mu_t*model%clock%dt*first_rate
+    inflow = stage(1)%mu_t*model%clock%dt*first_inflow
     do j = 2, model%stages
-      call pressure_rate(model, .true., pressure, rate)
+      call pressure_rate(model, .true., pressure, rate, inflow_now)
       next = stage(j)%mu*pressure + stage(j)%nu*before + &
              (1.0_wp - stage(j)%mu - stage(j)%nu)*start + &
              model%clock%dt*(stage(j)%mu_t*rate + stage(j)%gamma_t*first_rate)
+      inflow_next = stage(j)%mu*inflow + stage(j)%nu*inflow_before + &
+                    model%clock%dt*(stage(j)%mu_t*inflow_now + stage(j)%gamma_t*first_inflow)
       before = pressure
       pressure = next
+      inflow_before = inflow
+      inflow = inflow_next
     end do
   end subroutine super_step
 

@@ -126,7 +126,7 @@ module dosui_scene
 
   type, public :: source_t
     !! Formulas of the coordinates [m] and t [s]; unallocated: nothing.
-    type(text_t) :: force(ndim)                      !! body force beside gravity [N/m3]
+    type(text_t) :: force(3)   !! body force along x, y, z beside gravity [N/m3]
     character(len=:), allocatable :: water           !! water supplied per volume of soil [1/s]
   end type source_t
 

@@ -556,8 +556,8 @@ contains
     integer :: d
 
     do d = 1, ndim
-      if (.not. allocated(scene%source%force(d)%text)) cycle
-      call formula%parse(scene%source%force(d)%text, [name_of_axis(axis), 't'], message)
+      if (.not. allocated(scene%source%force(axis(d))%text)) cycle
+      call formula%parse(scene%source%force(axis(d))%text, [name_of_axis(axis), 't'], message)
       if (allocated(message)) then
         call checker%complain('source', 1, 'force_'//name_of_axis(axis(d)), message)
       end if

@@ -630,12 +630,15 @@ contains
     class(key_visitor_t), intent(inout) :: v
     type(source_t), intent(inout) :: source
     character(len=1), parameter :: name_of_axis(3) = ['x', 'y', 'z']
+    character(len=18), parameter :: scenes(3) = [character(len=18) :: 'dimension = 2 or 3', &
+                                                                                'dimension = 3', '']
     integer :: d
 
-    do d = 1, ndim
+    do d = 1, 3
       call v%text(source%force(d)%text, &
-                  key('force_'//name_of_axis(axis(d)), 'formula of the body force along '// &
-                      name_of_axis(axis(d))//', beside gravity', unit='N/m3', longest=1000))
+                  key('force_'//name_of_axis(d), 'formula of the body force along '// &
+                      name_of_axis(d)//', beside gravity', unit='N/m3', longest=1000, &
+                      only=trim(scenes(d)), applies=any(axis == d)))
     end do
     call v%text(source%water, &
                 key('water', 'formula of the water supplied per volume of soil', unit='1/s', &

@@ -31,8 +31,8 @@ contains
     integer :: d
 
     do d = 1, ndim
-      if (.not. allocated(source%force(d)%text)) cycle
-      call self%force(d)%parse(source%force(d)%text, [name_of_axis(axis), 't'], message)
+      if (.not. allocated(source%force(axis(d))%text)) cycle
+      call self%force(d)%parse(source%force(axis(d))%text, [name_of_axis(axis), 't'], message)
       self%has_force = .true.
     end do
     if (.not. allocated(source%water)) return

@@ -33,6 +33,8 @@ module dosui_index_map
     procedure :: gather => map_gather
     procedure :: gather_longs => map_gather_longs
     procedure :: scatter_add => map_scatter_add
+    procedure :: scatter_min => map_scatter_min
+    procedure, private :: to_owners
     procedure :: n_shared => map_n_shared
   end type index_map_t
 
@@ -330,6 +332,34 @@ contains
     real(wp), intent(inout) :: values(width, self%n_local)   !! may be longer
 
     if (self%n_neighbour == 0) return
+    call self%to_owners(comm, width, values)
+    call add(width, size(self%send_index), self%send_index, self%owned_buffer, self%n_local, &
+             values)
+  end subroutine map_scatter_add
+
+  subroutine map_scatter_min(self, comm, width, values)
+    !! Gives the owners the least of their own and the ghosts' values.
+    class(index_map_t), intent(inout) :: self
+    type(communicator_t), intent(in) :: comm
+    integer, intent(in) :: width                    !! numbers of each entry
+    real(wp), intent(inout) :: values(width, self%n_local)   !! may be longer
+    integer :: k
+
+    if (self%n_neighbour == 0) return
+    call self%to_owners(comm, width, values)
+    do k = 1, size(self%send_index)
+      values(:, self%send_index(k)) = min(values(:, self%send_index(k)), &
+                                          self%owned_buffer((k - 1)*width + 1:k*width))
+    end do
+  end subroutine map_scatter_min
+
+  subroutine to_owners(self, comm, width, values)
+    !! Sends the ghosts' values; they arrive in `owned_buffer`, in the order of `send_index`.
+    class(index_map_t), intent(inout) :: self
+    type(communicator_t), intent(in) :: comm
+    integer, intent(in) :: width
+    real(wp), intent(in) :: values(width, self%n_local)
+
     call reserve(self%owned_buffer, width*size(self%send_index))
     call reserve(self%ghost_buffer, width*size(self%recv_index))
     call pick(width, size(self%recv_index), self%recv_index, self%n_local, values, &
@@ -337,9 +367,7 @@ contains
     call swap_reals(comm%handle, self%n_neighbour, self%neighbour, width, &
                     self%recv_start, self%ghost_buffer, self%send_start, self%owned_buffer, &
                     self%request)
-    call add(width, size(self%send_index), self%send_index, self%owned_buffer, self%n_local, &
-             values)
-  end subroutine map_scatter_add
+  end subroutine to_owners
 
   subroutine map_gather_longs(self, comm, width, values)
     !! Copies the owners' 64-bit integers to the ghosts.

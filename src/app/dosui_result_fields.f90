@@ -84,8 +84,9 @@ contains
     !! Positions of the owned particles as 3-D points [m].
     type(model_t), intent(in) :: model
     real(wp), allocatable :: points(:, :)
+    integer :: handle
 
-    points = vectors_in_space(model%particles%count, &
-                              model%particles%field(model%p%position)%values)
+    handle = merge(model%p%position_at_build, model%p%position, model%finite)
+    points = vectors_in_space(model%particles%count, model%particles%field(handle)%values)
   end function points_in_space
 end module dosui_result_fields

@@ -38,7 +38,9 @@ contains
     model%rigid = all(scene%material%rigid)
     model%updated = scene%deformation == 'updated'
     model%averaged = scene%mechanics%average_volume_change .and. .not. model%rigid
-    model%centred = model%averaged .and. scene%mechanics%coupling_gradient /= 'particle'
+    model%finite = scene%deformation == 'finite'
+    model%centred = model%averaged .and. .not. model%finite .and. &
+                    scene%mechanics%coupling_gradient /= 'particle'
     n = size(scene%hydraulic_condition)
     allocate (model%condition_surface(n))
     allocate (model%balance%inflow(n + 1), source=0.0_wp)
@@ -53,8 +55,8 @@ contains
     call choose_integrator(scene, model%materials, model%spacing, model%choice)
     model%integrator = model%choice%name
     call register_particle_fields(model%particles, model%p, model%coupled, affine, model%updated, &
-                                  model%integrator == 'quasi_static')
-    call register_surface_fields(model%surface, model%s, model%updated)
+                                  model%finite, model%integrator == 'quasi_static')
+    call register_surface_fields(model%surface, model%s, model%updated, model%finite)
     call add_timers(model)
     call model%clock%init(scene%time)
   end subroutine setup_model
@@ -92,10 +94,33 @@ contains
       model%particles%field(model%p%start_pressure)%values = &
         model%particles%field(model%p%pore_pressure)%values
     end if
+    if (model%finite) call start_undeformed(model)
     model%particles%field(model%p%mass)%values = model%particles%field(model%p%mass)%values* &
                                                  model%scene%mechanics%density_scaling
     call distribute(model, err)
   end subroutine seed_model
+
+  subroutine start_undeformed(model)
+    !! Deformation gradients and volumes of the reference configuration.
+    type(model_t), intent(inout) :: model
+    integer :: a
+
+    associate (field => model%surface%field, h => model%s)
+      field(h%deformation)%values = 0.0_wp
+      do a = 1, ndim
+        field(h%reference_area)%values(a, :) = field(h%normal)%values(a, :)* &
+                                               field(h%area)%values(1, :)
+        field(h%deformation)%values(a + (a - 1)*ndim, :) = 1.0_wp
+      end do
+    end associate
+    associate (field => model%particles%field, h => model%p)
+      field(h%reference_volume)%values = field(h%volume)%values
+      field(h%deformation)%values = 0.0_wp
+      do a = 1, ndim
+        field(h%deformation)%values(a + (a - 1)*ndim, :) = 1.0_wp
+      end do
+    end associate
+  end subroutine start_undeformed
 
   subroutine finish_setup(model, err)
     !! Derives moduli, density and damping, and builds the geometry. Collective.
@@ -128,7 +153,12 @@ contains
             call err%set('surface '''//trim(condition%surface)//''': a '//trim(condition%kind)// &
                          ' condition off the grid lines works with integrator = ''explicit'' only')
           end if
-        case default   ! loads and walls at rest
+        case ('roller', 'fixed')
+          if (model%finite .and. model%comm%any(any(model%by_force(c, :)))) then
+            call err%set('surface '''//trim(condition%surface)//''': a wall off the grid lines '// &
+                         'does not work with deformation = ''finite''')
+          end if
+        case default   ! loads
         end select
       end associate
     end do

@@ -11,10 +11,12 @@
 !! new pressures add to that of the explicit forces.
 module dosui_implicit_system
   use dosui_kinds, only: wp
-  use dosui_dimension, only: ndim, nsig
+  use dosui_dimension, only: ndim, nsig, voigt_slot
   use dosui_block_system, only: block_p, block_system_t, block_u
+  use dosui_cell_quadrature, only: hat_gradients
   use dosui_entries, only: entries_t
   use dosui_error, only: error_t
+  use dosui_finite_strain, only: geometric_stiffness, invert
   use dosui_model, only: model_t
   use dosui_skeleton_step, only: light_node_mass
   use dosui_stiffness, only: cell_lists, cell_operators_t, cell_strain_operators, &
@@ -23,6 +25,8 @@ module dosui_implicit_system
   use dosui_unknowns, only: unknowns_t
   implicit none
   private
+
+  public :: surface_gradients
 
   integer, parameter :: direct_limit(3) = [500000, 12000, 4000]   !! unknowns in 1-D, 2-D, 3-D
   real(wp), parameter :: hourglass_stiffness = 0.1_wp
@@ -49,6 +53,8 @@ module dosui_implicit_system
   contains
     procedure :: build => implicit_build
     procedure :: solve => implicit_solve
+    procedure :: internal_forces => implicit_internal_forces
+    procedure :: stored => implicit_stored
     procedure :: set_step => implicit_set_step
     procedure :: volume_change => implicit_volume_change
     procedure, private :: build_skeleton
@@ -195,15 +201,20 @@ contains
     real(wp), allocatable, intent(in) :: centre(:, :, :)
     type(cell_operators_t), intent(inout) :: operators
 
-    if (allocated(centre)) then
+    if (model%finite) then
       call cell_strain_operators(model%grid, cell, model%patch(particle), &
                                  model%particles%field(model%p%position)%values(:, particle), &
-                                 model%weight(particle), model%averaged, centre(:, :, cell), &
-                                 operators)
+                                 model%own_volume(particle), model%averaged, operators, &
+                                 inverse=model%inverse_deformation(:, :, particle))
+    else if (allocated(centre)) then
+      call cell_strain_operators(model%grid, cell, model%patch(particle), &
+                                 model%particles%field(model%p%position)%values(:, particle), &
+                                 model%weight(particle), model%averaged, operators, &
+                                 centre=centre(:, :, cell))
     else
       call cell_strain_operators(model%grid, cell, model%patch(particle), &
                                  model%particles%field(model%p%position)%values(:, particle), &
-                                 model%weight(particle), model%averaged, operators=operators)
+                                 model%weight(particle), model%averaged, operators)
     end if
   end subroutine operators_of_cell
 
@@ -243,6 +254,7 @@ contains
       call add_masses(self, model, skeleton)
     else
       call add_walls(self, model, skeleton)
+      if (model%finite) call add_pressure_loads(self, model, skeleton)
     end if
     call skeleton%finish()
     call pressure_force%finish()
@@ -268,9 +280,14 @@ contains
       k = particle(p)
       call model%materials%item(model%material(k))%model%tangent( &
         model%particles%field(model%p%effective_stress)%values(:, k), model%state(:, k), tangent)
+      if (model%finite) then   ! D belongs to the Kirchhoff stress
+        tangent = tangent*model%particles%field(model%p%reference_volume)%values(1, k)/ &
+                  model%weight(k)
+      end if
       matrix = matrix + model%weight(k)*product_of(operators%strain(:, :, p), tangent)
     end do
-    if (size(particle) == 1 .and. model%centred) then
+    if (model%finite) call add_geometric(model, operators, particle, matrix)
+    if (size(particle) == 1 .and. (model%centred .or. model%finite)) then
       m = ndim*2**ndim   ! the cell's corners come first in its list of nodes
       do p = 1, 2**ndim
         matrix(1:m, 1:m) = matrix(1:m, 1:m) + hourglass_stiffness/2**ndim* &
@@ -309,6 +326,59 @@ contains
       sign_of = self%unknowns%sign(mod(column - 1, ndim) + 1, operators%node((column - 1)/ndim + 1))
     end function sign_of
   end subroutine add_stiffness
+
+  subroutine add_geometric(model, operators, particle, matrix)
+    !! What stresses and pressures of finite strains add to a cell's stiffness. With averaged
+    !! volumes the mean parts s of the stress and p of the pressure act on the cell's volume:
+    !! (s - p) sum v (div div - grad:grad^T) - s (sum v) D D^T with its mean divergence D.
+    type(model_t), intent(in) :: model
+    type(cell_operators_t), intent(in) :: operators
+    integer, intent(in) :: particle(:)             !! of the cell
+    real(wp), intent(inout) :: matrix(:, :)        !! [Pa m]
+    real(wp) :: geometric(size(matrix, 1), size(matrix, 2)), stress(nsig), mean, water, volume
+    integer :: p, k, a, i
+
+    associate (sigma => model%particles%field(model%p%effective_stress)%values, &
+               v0 => model%particles%field(model%p%reference_volume)%values)
+      mean = 0.0_wp
+      water = 0.0_wp
+      if (model%averaged) then
+        do p = 1, size(particle)
+          k = particle(p)
+          do a = 1, ndim
+            mean = mean + v0(1, k)*sigma(voigt_slot(a, a), k)/ndim
+          end do
+          if (model%coupled) water = water + v0(1, k)* &
+                                     model%particles%field(model%p%pore_pressure)%values(1, k)
+        end do
+        volume = sum(v0(1, particle))
+        mean = mean/volume
+        water = water/volume
+      end if
+      do p = 1, size(particle)
+        k = particle(p)
+        stress = sigma(:, k)
+        volume = model%weight(k)
+        if (model%averaged) then
+          do a = 1, ndim
+            stress(voigt_slot(a, a)) = stress(voigt_slot(a, a)) - &
+                                       sum([(sigma(voigt_slot(i, i), k), i=1, ndim)])/ndim
+          end do
+          volume = model%own_volume(k)
+        else if (model%coupled) then
+          water = model%particles%field(model%p%pore_pressure)%values(1, k)
+        end if
+        call geometric_stiffness(operators%gradient(:, :, p), stress*model%weight(k), &
+                                 (water - mean)*volume, geometric)
+        matrix = matrix + geometric
+      end do
+      if (.not. model%averaged) return
+      volume = sum(model%own_volume(particle))
+      do i = 1, size(matrix, 2)
+        matrix(:, i) = matrix(:, i) - mean*volume*operators%volume(:, 1)*operators%volume(i, 1)
+      end do
+    end associate
+  end subroutine add_geometric
 
   subroutine add_coupling(self, model, operators, particle, keeps_all, pressure_force, &
                           volume_change)
@@ -452,6 +522,61 @@ contains
     end associate
   end subroutine add_walls
 
+  subroutine surface_gradients(model, p, gradient)
+    !! Gradients of a surface point's cell with respect to the reference configuration.
+    type(model_t), intent(in) :: model
+    integer, intent(in) :: p                                 !! surface point with a cell
+    real(wp), intent(out) :: gradient(ndim, 2**ndim)         !! [1/m]
+    real(wp) :: place(ndim)
+
+    associate (grid => model%grid)
+      place = (model%surface%field(model%s%position)%values(:, p) - grid%origin)/grid%spacing - &
+              real(grid%cell_base(:, model%surface_cell(p)), wp)
+      call hat_gradients(place, 0.0_wp, grid%spacing, gradient)
+    end associate
+  end subroutine surface_gradients
+
+  subroutine add_pressure_loads(self, model, skeleton)
+    !! Pressures on surfaces of finite strains turn and grow with them: the derivative of
+    !! f_i = -q N_i n a is -q N_i a (n div(u) - grad(u)^T n), which is not symmetric.
+    class(implicit_system_t), intent(in) :: self
+    type(model_t), intent(in) :: model
+    type(entries_t), intent(inout) :: skeleton
+    real(wp) :: gradient(ndim, 2**ndim), f(ndim, ndim), inverse(ndim, ndim), jacobian, load
+    integer :: e, p, i, j, a, b
+
+    associate (field => model%surface%field, h => model%s, forces => model%surface_forces, &
+               row => self%unknowns%row, sign => self%unknowns%sign)
+      do e = 1, size(forces%entry_point)
+        p = forces%entry_point(e)
+        associate (condition => model%scene%mechanical_condition(forces%entry_condition(e)))
+          if (condition%kind /= 'pressure' .or. forces%cell(1, p) == 0) cycle
+          load = condition%value(1)*condition%factor%at(model%clock%time)* &
+                 field(h%area)%values(1, p)
+        end associate
+        call surface_gradients(model, p, gradient)
+        f = reshape(field(h%deformation)%values(:, p), [ndim, ndim])
+        call invert(f, inverse, jacobian)
+        gradient = matmul(transpose(inverse), gradient)
+        associate (n => field(h%normal)%values(:, p), node => forces%node(:, 1, p))
+          do j = 1, 2**ndim
+            do i = 1, 2**ndim
+              do b = 1, ndim
+                do a = 1, ndim
+                  call skeleton%add(row(a, node(i)), row(b, node(j)), &
+                                    sign(a, node(i))*sign(b, node(j))*load* &
+                                    forces%weight(i, 1, p)* &
+                                    (n(a)*gradient(b, j) - gradient(a, j)*n(b))* &
+                                    self%length/self%force)
+                end do
+              end do
+            end do
+          end do
+        end associate
+      end do
+    end associate
+  end subroutine add_pressure_loads
+
   subroutine set_coordinates(self, model, err)
     !! Positions of the owned nodes for the rigid-body modes.
     class(implicit_system_t), intent(inout) :: self
@@ -577,6 +702,64 @@ contains
     call self%system%set_schur([self%storage + self%coupling, weight*self%flow], err)
     self%flow_weight = weight
   end subroutine set_flow
+
+  subroutine implicit_internal_forces(self, model, pressure, force)
+    !! Adds the nodal forces of effective stresses and pressures of finite strains to complete
+    !! forces; the derivative of these is the system's. Collective.
+    class(implicit_system_t), intent(in) :: self
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: pressure(:)        !! of the particles [Pa]
+    real(wp), intent(inout) :: force(:, :)     !! (ndim, n_node) [N]
+    type(cell_operators_t) :: operators
+    integer, allocatable :: start(:), particle(:)
+    real(wp), allocatable :: centre(:, :, :), internal(:, :), cell_force(:)
+    integer :: c, p, k, i
+
+    allocate (internal(ndim, model%grid%n_node), source=0.0_wp)
+    call cell_lists(model%particles%count, model%cell, model%grid%n_cell, start, particle)
+    do c = 1, model%grid%n_cell
+      if (start(c + 1) == start(c)) cycle
+      call operators_of_cell(model, c, particle(start(c):start(c + 1) - 1), centre, operators)
+      do p = 1, size(operators%strain, 3)
+        k = particle(start(c) + p - 1)
+        cell_force = -model%weight(k)* &
+                     matmul(model%particles%field(model%p%effective_stress)%values(:, k), &
+                            operators%strain(:, :, p))
+        if (self%unknowns%n_p > 0) then
+          cell_force = cell_force + model%weight(k)*pressure(k)*operators%volume(:, p)
+        end if
+        do i = 1, operators%n_node
+          internal(:, operators%node(i)) = internal(:, operators%node(i)) + &
+                                           cell_force(ndim*(i - 1) + 1:ndim*i)
+        end do
+      end do
+    end do
+    call model%grid%node_map%scatter_add(model%comm, ndim, internal)
+    call model%grid%node_map%gather(model%comm, ndim, internal)
+    force = force + internal
+  end subroutine implicit_internal_forces
+
+  subroutine implicit_stored(self, model, flow_weight, pressure, stored, err)
+    !! S V p - a V L p: what increments of pressure store and let out. Collective.
+    class(implicit_system_t), intent(inout) :: self
+    type(model_t), intent(in) :: model
+    real(wp), intent(in) :: flow_weight      !! a [s]
+    real(wp), intent(in) :: pressure(:)      !! of the particles [Pa]
+    real(wp), intent(inout) :: stored(:)     !! [m3]
+    type(error_t), intent(inout) :: err
+    real(wp), allocatable :: x(:), y(:)
+    integer :: n_u, n_p
+
+    n_u = self%unknowns%n_u
+    n_p = self%unknowns%n_p
+    allocate (x(n_u + n_p), y(n_u + n_p), source=0.0_wp)
+    if (.not. model%coupled) return
+    x(n_u + 1:) = pressure(1:n_p)/self%pressure
+    call self%set_flow(flow_weight, err)
+    call self%system%prepare(err)
+    if (.not. err%failed()) call self%system%multiply(x, y, err)
+    stored(1:n_p) = y(n_u + 1:)*self%volume
+  end subroutine implicit_stored
 
   subroutine implicit_solve(self, model, flow_weight, force, time, prescribed, has_prescribed, &
                             supply, tolerance, is_guess, motion, pressure, err, without_loads)

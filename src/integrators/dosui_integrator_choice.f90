@@ -46,6 +46,11 @@ contains
     choice%name = scene%integrator
     choice%reason = 'as the scene says'
     if (scene%integrator /= 'auto') return
+    if (scene%deformation == 'finite') then
+      choice%name = 'quasi_static'
+      choice%reason = 'finite strains have no other'
+      return
+    end if
     inertia = why_inertia(scene, travel)
     if (scene%water%operator == 'two_pass' .and. scene%water_mode /= 'none') then
       choice%name = 'explicit'

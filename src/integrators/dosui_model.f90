@@ -52,6 +52,7 @@ module dosui_model
     type(integrator_choice_t) :: choice      !! why
     logical :: rigid = .false.       !! skeleton does not move: mechanics is skipped
     logical :: updated = .false.     !! particles move, geometry follows
+    logical :: finite = .false.      !! finite strains on a total Lagrangian grid
     integer :: inverted = 0          !! a particle that lost all its volume; 0: none
     logical :: relaxing = .false.    !! an equilibrium is sought: particles keep their places
     logical :: averaged = .false.    !! volume change is averaged over cells
@@ -86,6 +87,8 @@ module dosui_model
     real(wp), allocatable :: inertia(:)               !! least inertia of nodes [kg]
     real(wp), allocatable :: weight(:)                !! of particles in integrals [m3]
     real(wp), allocatable :: volume_strain(:)         !! of the step, as the water sees it [-]
+    real(wp), allocatable :: inverse_deformation(:, :, :)   !! F^-1 of finite strains [-]
+    real(wp), allocatable :: own_volume(:)            !! not averaged, of finite strains [m3]
     real(wp) :: density = 0.0_wp              !! mean inertial density of the body [kg/m3]
     real(wp) :: stiffest = 0.0_wp             !! largest undrained modulus M + K_w/n [Pa]
     real(wp) :: skeleton_modulus = 0.0_wp     !! largest drained modulus M [Pa]

@@ -6,15 +6,17 @@
 !!     c_1 = (c_g/g - (1 - g)^2/g c_n)/(2 - g) + a F_1
 !! Loads that come at once are answered by a solution without flow (a = 0): the undrained state.
 !! All stages solve for increments from the state at t_n, so that one update of the particles by
-!! the explicit step's own kernels makes a step.
+!! the explicit step's own kernels makes a step. With finite strains every stage is solved by
+!! Newton's iterations, at the end of which the state is that of the stage.
 module dosui_quasi_static
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim
   use dosui_error, only: error_t
+  use dosui_finite_state, only: finite_start_t
   use dosui_implicit_system, only: implicit_system_t
   use dosui_model, only: model_t
   use dosui_scene, only: table_t
-  use dosui_skeleton_step, only: gather_forces, update_particles, zero_velocities
+  use dosui_skeleton_step, only: gather_forces, gather_loads, update_particles, zero_velocities
   use dosui_text, only: to_text
   use dosui_time_control, only: step_limit_t
   use dosui_water_balance, only: add_to_balance
@@ -32,11 +34,17 @@ module dosui_quasi_static
   real(wp), parameter :: scale_share = 0.01_wp        !! of the largest pressure, in the norm [-]
   real(wp), parameter :: estimate_tolerance = 1.0e-3_wp   !! of the error's own solution [-]
   integer, parameter :: attempts = 12                 !! at one step
+  integer, parameter :: newton_limit = 25             !! iterations of one stage
+  integer, parameter :: halvings = 10                 !! of an iteration that would crush a particle
+  real(wp), parameter :: newton_tolerance = 1.0e-8_wp   !! last increments over all [-]
 
   type, public :: quasi_static_t
     type(implicit_system_t) :: system
     integer :: n_rejected = 0
-    integer :: n_failed = 0          !! linear solutions that did not converge
+    integer :: n_failed = 0          !! solutions that did not converge
+    integer :: n_newton = 0          !! iterations so far
+    logical, private :: is_moved = .false.   !! the state is not that of the step's start
+    type(finite_start_t), private :: start   !! of the present step, finite strains only
     real(wp), allocatable :: corner(:)   !! times at which a table changes its slope [s]
     real(wp), allocatable, private :: inflow(:)   !! of the last attempt, for the balance [m3]
   contains
@@ -45,6 +53,9 @@ module dosui_quasi_static
     procedure :: step => quasi_static_step
     procedure :: describe => quasi_static_describe
     procedure, private :: attempt
+    procedure, private :: finite_attempt
+    procedure, private :: newton
+    procedure, private :: advance_within
   end type quasi_static_t
 
 contains
@@ -54,8 +65,15 @@ contains
     class(quasi_static_t), intent(inout) :: self
     type(model_t), intent(inout) :: model
     type(error_t), intent(inout) :: err
+    real(wp), allocatable :: motion(:, :), pressure(:), supply(:)
     integer :: c
 
+    if (model%finite) then   ! what follows from the deformation gradients
+      call allocate_increments(model, motion, pressure, supply)
+      call self%start%take(model)
+      call self%start%move(model, motion, err)
+      if (err%failed()) return
+    end if
     call model%timers%start(model%phase%assembly)
     call self%system%build(model, .false., err)
     call model%timers%stop(model%phase%assembly)
@@ -90,6 +108,16 @@ contains
     allocate (held, mold=motion)
     held = 0.0_wp
     call zero_velocities(model)
+    if (model%finite) then
+      call self%start%take(model)
+      call self%newton(model, model%clock%time, 0.0_wp, supply, motion, pressure, err)
+      if (err%failed()) return
+      if (model%coupled) then
+        call add_pressure(model, pressure)
+        model%pressure_scale = max(model%pressure_scale, root_mean_square(model, pressure))
+      end if
+      return
+    end if
     call gather_forces(model)
     call model%timers%start(model%phase%solver)
     call self%system%solve(model, 0.0_wp, model%nodal(2 + ndim:, :), model%clock%time, held, &
@@ -126,7 +154,11 @@ contains
       call stop_at_corner(self, model)
       call model%clock%round_step()
       failure = error_t()
-      call self%attempt(model, motion, pressure, error_norm, failure)
+      if (model%finite) then
+        call self%finite_attempt(model, motion, pressure, error_norm, failure)
+      else
+        call self%attempt(model, motion, pressure, error_norm, failure)
+      end if
       if (failure%failed()) then
         self%n_failed = self%n_failed + 1
         model%next_dt = 0.25_wp*model%clock%dt
@@ -164,13 +196,22 @@ contains
 
     associate (system => self%system%system)
       text = 'steps repeated '//to_text(self%n_rejected)//' for accuracy, '// &
-             to_text(self%n_failed)//' for the solver; '// &
+             to_text(self%n_failed)//' for the solver; '//newton_iterations(self%n_newton)// &
              trim(merge('direct   ', 'iterative', system%is_direct))//' solutions '// &
              to_text(system%n_solve)//', set-ups '//to_text(system%n_setup)
       if (.not. system%is_direct) text = text//', iterations '//to_text(system%n_iteration)// &
                                          ' (at most '//to_text(system%most_iterations)//')'
     end associate
   end function quasi_static_describe
+
+  pure function newton_iterations(n) result(text)
+    !! Newton's iterations for the closing summary, if there were any.
+    integer, intent(in) :: n
+    character(len=:), allocatable :: text
+
+    text = ''
+    if (n > 0) text = 'Newton''s iterations '//to_text(n)//'; '
+  end function newton_iterations
 
   subroutine stop_at_corner(self, model)
     !! Ends a step where a table changes its slope, and halves the one before.
@@ -257,6 +298,144 @@ contains
     end subroutine solve_stage
   end subroutine attempt
 
+  subroutine finite_attempt(self, model, motion, pressure, error_norm, err)
+    !! As `attempt`, for finite strains. The flow of a stage belongs to its own places. Afterwards
+    !! the state is that of the step's end, or, after a failure, that of its start.
+    class(quasi_static_t), intent(inout) :: self
+    type(model_t), intent(inout) :: model
+    real(wp), allocatable, intent(inout) :: motion(:, :)   !! of the nodes [m]
+    real(wp), allocatable, intent(inout) :: pressure(:)    !! of the particles [Pa]
+    real(wp), intent(out) :: error_norm                    !! [-]
+    type(error_t), intent(inout) :: err
+    real(wp), allocatable :: supply(:), start(:), flow(:, :), content(:)
+    real(wp), dimension(size(model%balance%inflow), 3) :: inflow
+    real(wp) :: t, dt, a
+
+    t = model%clock%time
+    dt = model%clock%dt
+    a = 0.5_wp*gamma*dt
+    error_norm = 0.0_wp
+    call allocate_increments(model, motion, pressure, supply)
+    if (self%is_moved) call self%start%move(model, motion, err)   ! a step that was rejected
+    call self%start%take(model)
+    self%is_moved = .true.
+    if (.not. model%coupled) then
+      call self%newton(model, t + dt, a, supply, motion, pressure, err)
+      return
+    end if
+    associate (n => model%particles%count)
+      start = model%particles%field(model%p%pore_pressure)%values(1, 1:n)
+      allocate (flow(n, 3))
+    end associate
+    call find_flow(model, t, start, flow(:, 1), inflow(:, 1))
+    supply = a*flow(:, 1)
+    call self%newton(model, t + gamma*dt, a, supply, motion, pressure, err)
+    if (err%failed()) return
+    call find_flow(model, t + gamma*dt, start + pressure, flow(:, 2), inflow(:, 2))
+    content = a*(flow(:, 1) + flow(:, 2))
+    supply = content/(gamma*(2.0_wp - gamma))
+    motion = motion/gamma   ! a guess for the whole step
+    pressure = pressure/gamma
+    call self%newton(model, t + dt, a, supply, motion, pressure, err)
+    if (err%failed()) return
+    call find_flow(model, t + dt, start + pressure, flow(:, 3), inflow(:, 3))
+    self%inflow = a*((inflow(:, 1) + inflow(:, 2))/(gamma*(2.0_wp - gamma)) + inflow(:, 3))
+    call estimate_error(self, model, dt, a, flow, start, pressure, error_norm, err)
+  end subroutine finite_attempt
+
+  subroutine newton(self, model, time, a, supply, motion, pressure, err)
+    !! Solves one stage of finite strains, from the guess that motion and pressure hold:
+    !! forces are in balance, and water content changes by supply + a F. Collective.
+    class(quasi_static_t), intent(inout) :: self
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: time       !! at the end of the stage [s]
+    real(wp), intent(in) :: a          !! weight of the flow there [s]
+    real(wp), intent(in) :: supply(:)  !! of the particles [m3]
+    real(wp), intent(inout) :: motion(:, :)   !! since the start [m]
+    real(wp), intent(inout) :: pressure(:)    !! since the start [Pa]
+    type(error_t), intent(inout) :: err
+    real(wp), allocatable :: held(:, :), none(:, :), force(:, :), water(:), start(:), stored(:)
+    real(wp), allocatable :: step(:, :), pressure_step(:)
+    real(wp) :: scale, change, t
+    integer :: k, n
+    logical :: has_held, is_last
+
+    n = model%particles%count
+    allocate (held, none, step, mold=motion)
+    none = 0.0_wp
+    allocate (water(n), stored(n), pressure_step(n), start(n), source=0.0_wp)
+    if (model%coupled) start = model%particles%field(model%p%pore_pressure)%values(1, 1:n)
+    call self%system%unknowns%prescribe(model, model%clock%time, time, held, has_held)
+    motion = merge(held, motion, self%system%unknowns%is_held)
+    call self%start%move(model, motion, err)
+    is_last = .false.
+    do k = 1, newton_limit
+      if (err%failed()) return
+      call model%timers%start(model%phase%assembly)
+      call add_pressure(model, pressure)   ! its forces turn with the body
+      t = model%clock%time
+      model%clock%time = time
+      call self%system%build(model, .false., err)
+      model%clock%time = t
+      call add_pressure(model, -pressure)
+      call model%timers%stop(model%phase%assembly)
+      if (model%coupled) then
+        call find_flow(model, time, start, water)
+        call self%system%stored(model, a, pressure, stored, err)
+        water = supply + a*water - stored - &
+                (model%particles%field(model%p%volume)%values(1, 1:n) - self%start%volume)
+      end if
+      t = model%clock%time
+      model%clock%time = time
+      call gather_loads(model)
+      model%clock%time = t
+      force = model%nodal(2 + ndim:, :)
+      call self%system%internal_forces(model, start + pressure, force)
+      call model%timers%start(model%phase%solver)
+      step = 0.0_wp
+      call self%system%solve(model, a, force, time, none, .false., water, &
+                             direct_tolerance(self), .false., step, pressure_step, err)
+      call model%timers%stop(model%phase%solver)
+      if (err%failed()) return
+      self%n_newton = self%n_newton + 1
+      call self%advance_within(model, step, pressure_step, motion, pressure, err)
+      associate (displacement => model%particles%field(model%p%displacement)%values)
+        scale = model%comm%maximum(max(maxval(abs(motion)), maxval(abs(displacement)))) + &
+                newton_tolerance*model%scene%grid_spacing
+      end associate
+      change = model%comm%maximum(maxval(abs(step)))/scale
+      if (model%coupled) then
+        scale = model%comm%maximum(maxval(abs(start + pressure))) + model%pressure_scale + &
+                newton_tolerance*model%skeleton_modulus
+        change = max(change, model%comm%maximum(maxval(abs(pressure_step)))/scale)
+      end if
+      if (change <= newton_tolerance .and. .not. err%failed()) return
+    end do
+    call err%set('Newton''s iterations do not converge (last change '//to_text(change)//')')
+  end subroutine newton
+
+  subroutine advance_within(self, model, step, pressure_step, motion, pressure, err)
+    !! Adds an increment, or as large a part of it as leaves every particle a volume. Collective.
+    class(quasi_static_t), intent(inout) :: self
+    type(model_t), intent(inout) :: model
+    real(wp), intent(inout) :: step(:, :), pressure_step(:)   !! increments [m], [Pa]
+    real(wp), intent(inout) :: motion(:, :), pressure(:)      !! since the start [m], [Pa]
+    type(error_t), intent(inout) :: err
+    type(error_t) :: failure
+    integer :: k
+
+    do k = 1, halvings
+      failure = error_t()
+      call self%start%move(model, motion + step, failure)
+      if (.not. failure%failed()) exit
+      step = 0.5_wp*step
+      pressure_step = 0.5_wp*pressure_step
+    end do
+    if (failure%failed()) err = failure
+    motion = motion + step
+    pressure = pressure + pressure_step
+  end subroutine advance_within
+
   subroutine estimate_error(self, model, dt, a, flow, start, pressure, error_norm, err)
     !! Error of the pressures: e_c = 2 k dt (F_n/g - F_g/(g (1 - g)) + F_1/(1 - g)) put through the
     !! system, in a norm relative to the excess pressures.
@@ -292,13 +471,15 @@ contains
 
   subroutine accept(self, model, motion, pressure, err)
     !! Puts the increments of a step on particles and surface points.
-    class(quasi_static_t), intent(in) :: self
+    class(quasi_static_t), intent(inout) :: self
     type(model_t), intent(inout) :: model
     real(wp), intent(in) :: motion(:, :)   !! of the nodes [m]
     real(wp), intent(in) :: pressure(:)    !! increments [Pa]
     type(error_t), intent(inout) :: err
 
-    if (size(motion) > 0 .and. .not. model%rigid) then
+    if (model%finite) then
+      call finish_finite(self, model)
+    else if (size(motion) > 0 .and. .not. model%rigid) then
       call zero_velocities(model)
       call move(model, motion/model%clock%dt, err)
     end if
@@ -307,6 +488,27 @@ contains
       call add_to_balance(model, self%inflow, pressure)
     end if
   end subroutine accept
+
+  subroutine finish_finite(self, model)
+    !! Velocities and volume changes of a step that is accepted; the state is there already.
+    class(quasi_static_t), intent(inout) :: self
+    type(model_t), intent(inout) :: model
+    integer :: n, m
+
+    n = model%particles%count
+    m = model%surface%count
+    self%is_moved = .false.
+    associate (field => model%particles%field, h => model%p)
+      field(h%velocity)%values(:, 1:n) = (field(h%displacement)%values(:, 1:n) - &
+                                          self%start%displacement)/model%clock%dt
+      if (model%coupled) model%volume_strain = &
+        (field(h%volume)%values(1, 1:n) - self%start%volume)/model%weight
+    end associate
+    associate (field => model%surface%field, h => model%s)
+      field(h%velocity)%values(:, 1:m) = (field(h%displacement)%values(:, 1:m) - &
+                                          self%start%surface_displacement)/model%clock%dt
+    end associate
+  end subroutine finish_finite
 
   subroutine move(model, velocity, err)
     !! Moves particles and surface points with the nodes.
@@ -324,6 +526,7 @@ contains
     type(model_t), intent(inout) :: model
     real(wp), intent(in) :: pressure(:)   !! [Pa]
 
+    if (.not. model%coupled) return
     associate (values => model%particles%field(model%p%pore_pressure)%values, &
                n => model%particles%count)
       values(1, 1:n) = values(1, 1:n) + pressure(1:n)
@@ -336,7 +539,8 @@ contains
     real(wp), intent(in) :: time          !! of the surfaces' heads and fluxes [s]
     real(wp), intent(in) :: pressure(:)   !! [Pa]
     real(wp), intent(out) :: flow(:)
-    real(wp), intent(out) :: inflow(:)    !! through surfaces, for the balance [m3/s]
+    real(wp), intent(out), optional :: inflow(:)    !! through surfaces, for the balance [m3/s]
+    real(wp) :: through(size(model%balance%inflow))
     real(wp), allocatable :: elevation(:)
 
     call model%timers%start(model%phase%water)
@@ -344,7 +548,8 @@ contains
     call model%hydraulic_conditions%set_time(model%scene%hydraulic_condition, time, &
                                              model%scene%water%unit_weight, elevation)
     call water_rate(model, pressure, flow)
-    call add_sources(model, time, flow, inflow)
+    call add_sources(model, time, flow, through)
+    if (present(inflow)) inflow = through
     flow = flow*model%weight
     call model%timers%stop(model%phase%water)
   end subroutine find_flow

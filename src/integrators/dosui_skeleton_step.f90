@@ -14,7 +14,7 @@ module dosui_skeleton_step
 
   real(wp), parameter :: light_node = 1.0e-6_wp   !! of a full cell's mass [-]
 
-  public :: gather_forces, update_nodes, update_particles, zero_velocities, nodal_accelerations, &
+  public :: gather_forces, gather_loads, update_nodes, update_particles, zero_velocities, nodal_accelerations, &
             light_node_mass
 
 contains
@@ -41,6 +41,23 @@ contains
     call model%grid%node_map%gather(model%comm, 1 + 2*ndim, model%nodal)
     call model%timers%stop(model%phase%halo)
   end subroutine gather_forces
+
+  subroutine gather_loads(model)
+    !! Nodal forces of weight, formulas and surfaces alone, complete on every rank.
+    type(model_t), intent(inout) :: model
+    real(wp), allocatable :: none(:)
+
+    associate (field => model%particles%field, h => model%p, n => model%particles%count)
+      allocate (none(n), source=0.0_wp)
+      call particles_to_grid(model%grid, n, model%patch, field(h%position)%values, &
+                             field(h%velocity)%values, field(h%mass)%values, none, &
+                             field(h%effective_stress)%values, model%scene%gravity, model%nodal)
+    end associate
+    if (model%sources%has_force) call add_body_forces(model)
+    call add_surface_forces(model)
+    call model%grid%node_map%scatter_add(model%comm, 1 + 2*ndim, model%nodal)
+    call model%grid%node_map%gather(model%comm, 1 + 2*ndim, model%nodal)
+  end subroutine gather_loads
 
   subroutine spread_centred(model, gravity)
     !! Particles to grid: mean stresses through the cells' gradients, deviations at particles.

@@ -20,7 +20,7 @@ module dosui_topology
   implicit none
   private
 
-  public :: distribute, build_geometry, join_parts, needs_rebuild, refresh_storage, refresh_weights
+  public :: distribute, build_geometry, build_water, join_parts, needs_rebuild, refresh_storage, refresh_weights
 
   real(wp), parameter :: inward = 1.0e-3_wp          !! surface points lie in the cell inside [h]
   real(wp), parameter :: imbalance_limit = 1.2_wp    !! repartition above this
@@ -40,7 +40,7 @@ contains
 
     anew = .true.
     if (present(as_built)) anew = .not. as_built
-    if (model%updated .and. anew) then
+    if ((model%updated .or. model%finite) .and. anew) then
       call copy_field(model%particles, model%p%position, model%p%position_at_build)
       call copy_field(model%surface, model%s%position, model%s%position_at_build)
     end if
@@ -257,6 +257,7 @@ contains
     call build_conditions(model, handle)
     call refresh_weights(model)
     call find_least_inertia(model)
+    if (model%finite) handle = model%p%position_at_build
     if (model%coupled) call build_water(model, handle)
     model%rebuilds = model%rebuilds + 1
     model%movement = 0.0_wp
@@ -488,7 +489,7 @@ contains
     n = model%particles%count
     m = model%surface%count
     surface_handle = model%s%position
-    if (model%updated) surface_handle = model%s%position_at_build
+    if (model%updated .or. model%finite) surface_handle = model%s%position_at_build
     radius = model%scene%water%support_radius*model%spacing
     call model%head_operator%clear()
     call find_ghosts(model%comm, model%surface, surface_handle, n, &
@@ -539,14 +540,15 @@ contains
     !! Elevations of owned particles (ghosts get whole heads from their owners).
     type(model_t), intent(inout) :: model
     integer, intent(in) :: n_local
-    integer :: p
+    integer :: p, handle
 
+    handle = merge(model%p%position_at_build, model%p%position, model%finite)
     if (allocated(model%head)) deallocate (model%head, model%elevation)
     allocate (model%head(n_local), model%elevation(n_local), source=0.0_wp)
     do p = 1, model%particles%count
       model%elevation(p) = -model%scene%water%density* &
                            dot_product(model%scene%gravity, &
-                                       model%particles%field(model%p%position)%values(:, p))/ &
+                                       model%particles%field(handle)%values(:, p))/ &
                            model%scene%water%unit_weight
     end do
   end subroutine set_all_elevations

@@ -29,11 +29,12 @@ contains
     !! Elevation of all surface points, ghosts too [m].
     type(model_t), intent(in) :: model
     real(wp), allocatable, intent(out) :: elevation(:)
-    integer :: p
+    integer :: p, handle
 
+    handle = merge(model%s%position_at_build, model%s%position, model%finite)
     allocate (elevation(model%surface%count + model%surface%ghost_count))
     do p = 1, size(elevation)
-      elevation(p) = elevation_of(model%surface%field(model%s%position)%values(:, p), &
+      elevation(p) = elevation_of(model%surface%field(handle)%values(:, p), &
                                   model%scene%water%density, model%scene%gravity, &
                                   model%scene%water%unit_weight)
     end do
@@ -234,20 +235,23 @@ contains
     type(model_t), intent(inout) :: model
     real(wp), allocatable, intent(out) :: flux(:, :)   !! (ndim, n)
     real(wp), allocatable :: head(:)
+    integer :: particle_place, surface_place   ! handles of positions
 
     if (model%updated) then
       call gather_field(model%comm, model%particles, model%particle_map, model%p%position)
       call gather_field(model%comm, model%surface, model%surface_map, model%s%position)
     end if
+    particle_place = merge(model%p%position_at_build, model%p%position, model%finite)
+    surface_place = merge(model%s%position_at_build, model%s%position, model%finite)
     call head_of_particles(model, head)
     allocate (flux(ndim, model%particles%count))
     if (model%scene%water%operator == 'two_pass') then
       call model%two_pass%flux(head, model%hydraulic_conditions%datum, flux)
     else
-      call model%head_operator%flux(model%particles%field(model%p%position)%values, &
+      call model%head_operator%flux(model%particles%field(particle_place)%values, &
                                     model%particles%field(model%p%conductivity)%values(1, :), &
                                     model%spacing, model%scene%water%support_radius, &
-                                    model%surface%field(model%s%position)%values, &
+                                    model%surface%field(surface_place)%values, &
                                     model%surface%field(model%s%normal)%values, head, &
                                     model%hydraulic_conditions%datum, flux)
     end if

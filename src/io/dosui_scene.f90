@@ -187,7 +187,8 @@ module dosui_scene
     character(len=name_length) :: water_mode = 'saturated'       !! 'none' or 'saturated'
     character(len=name_length) :: integrator = 'explicit'
     !! 'explicit', 'semi_implicit', 'quasi_static' or 'auto'
-    character(len=name_length) :: deformation = 'small_strain'   !! 'small_strain' or 'updated'
+    character(len=name_length) :: deformation = 'small_strain'
+    !! 'small_strain', 'finite' or 'updated'
     character(len=name_length) :: leaving_particles = 'stop'     !! 'stop' or 'remove'
     real(wp) :: gravity(ndim) = 0.0_wp               !! [m/s2]
     real(wp) :: grid_spacing = 0.0_wp                !! [m]

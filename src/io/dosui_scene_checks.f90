@@ -516,6 +516,7 @@ contains
     logical :: is_wet
     integer :: k
 
+    if (scene%deformation == 'finite') call check_finite(checker, scene)
     if (scene%integrator == 'explicit' .or. scene%integrator == 'auto') return
     is_wet = scene%water_mode /= 'none'
     if (is_wet .and. scene%water%operator == 'two_pass') then
@@ -545,6 +546,37 @@ contains
       end select
     end do
   end subroutine check_integrator
+
+  subroutine check_finite(checker, scene)
+    !! What finite strains need.
+    type(checker_t), intent(inout) :: checker
+    type(scene_t), intent(in) :: scene
+    integer :: k
+
+    if (scene%integrator == 'explicit' .or. scene%integrator == 'semi_implicit') then
+      call checker%complain('scene', 1, 'deformation', 'finite works with integrator = '// &
+                            '''quasi_static'' only')
+    end if
+    if (any(scene%material%rigid)) then
+      call checker%complain('scene', 1, 'deformation', 'finite needs a skeleton that moves')
+    end if
+    if (scene%mechanics%coupling_gradient == 'cell_centre') then
+      call checker%complain('mechanics', 1, 'coupling_gradient', &
+                            'finite strains take the particles'' own gradients')
+    end if
+    do k = 1, size(scene%mechanical_condition)
+      if (scene%mechanical_condition(k)%imposition == 'penalty') then
+        call checker%complain('mechanical_condition', k, 'imposition', &
+                              'penalty does not work with deformation = ''finite''')
+      end if
+    end do
+    do k = 1, size(scene%initial_state)
+      if (scene%initial_state(k)%effective_stress /= 'zero') then
+        call checker%complain('initial_state', k, 'effective_stress', &
+                              'finite strains start from a skeleton without stress')
+      end if
+    end do
+  end subroutine check_finite
 
   subroutine check_sources(checker, scene)
     !! Formulas that can be read.

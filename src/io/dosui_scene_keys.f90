@@ -298,8 +298,9 @@ contains
                     'skeleton only; quasi_static: no inertia, steps by accuracy; auto: what '// &
                     'suits the scene', choices='explicit semi_implicit quasi_static auto'))
     call v%name(scene%deformation, &
-                key('deformation', 'small_strain: the geometry stays as it is; updated: '// &
-                    'particles move through the grid', choices='small_strain updated'))
+                key('deformation', 'small_strain: the geometry stays as it is; finite: the grid '// &
+                    'deforms with the body (quasi_static); updated: particles move through '// &
+                    'the grid', choices='small_strain finite updated'))
     call v%name(scene%leaving_particles, &
                 key('leaving_particles', 'what happens when a particle leaves the domain: stop '// &
                     'with an error, or remove and count it', choices='stop remove'))

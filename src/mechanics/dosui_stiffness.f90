@@ -23,6 +23,7 @@ module dosui_stiffness
     integer :: n_node = 0
     integer, allocatable :: node(:)            !! (n_node)
     real(wp), allocatable :: strain(:, :, :)   !! (nsig, ndim*n_node, particles) E_p [1/m]
+    real(wp), allocatable :: gradient(:, :, :) !! (ndim, n_node, particles), if deformed [1/m]
     real(wp), allocatable :: volume(:, :)      !! (ndim*n_node, particles) volume strain [1/m]
   end type cell_operators_t
 
@@ -53,7 +54,8 @@ contains
     end do
   end subroutine cell_lists
 
-  subroutine cell_strain_operators(grid, cell, patch, position, weight, averaged, centre, operators)
+  subroutine cell_strain_operators(grid, cell, patch, position, weight, averaged, operators, &
+                                   centre, inverse)
     !! Strain operators of the particles of one cell.
     type(grid_t), intent(in) :: grid
     integer, intent(in) :: cell
@@ -61,9 +63,11 @@ contains
     real(wp), intent(in) :: position(:, :)     !! (ndim, particles) [m]
     real(wp), intent(in) :: weight(:)          !! (particles) [m3]
     logical, intent(in) :: averaged            !! volume change is averaged over the cell
+    type(cell_operators_t), intent(inout) :: operators
     real(wp), intent(in), optional :: centre(nsig, ndim*2**ndim)
     !! C on the cell's corners, lifts included: means come from it [1/m]
-    type(cell_operators_t), intent(inout) :: operators
+    real(wp), intent(in), optional :: inverse(:, :, :)
+    !! (ndim, ndim, particles) F^-1: gradients belong to the deformed places [-]
     real(wp), allocatable :: w(:), gradient(:), own(:, :, :), mean(:, :), trace(:), mean_trace(:)
     integer, allocatable :: local(:)
     integer :: m, n_groups, n_patch_node, p, i, k, a, b, column
@@ -75,6 +79,7 @@ contains
     call patch_weights(grid%shape_kind, grid%half_domain, grid%origin, grid%spacing, m, patch, &
                        position, grid%n_patch, grid%patch_base, grid%patch_fold, n_groups, w, &
                        gradient)
+    if (present(inverse)) call push_forward()
     call collect_nodes(grid, cell, patch, present(centre), operators)
     if (allocated(operators%strain)) deallocate (operators%strain, operators%volume)
     allocate (own(nsig, ndim*operators%n_node, m), source=0.0_wp)
@@ -91,6 +96,7 @@ contains
         end do
       end do
     end do
+    if (present(inverse)) call keep_gradients()
     if (averaged .or. present(centre)) then
       allocate (mean(nsig, ndim*operators%n_node), source=0.0_wp)
       do p = 1, m
@@ -124,6 +130,41 @@ contains
     call move_alloc(own, operators%strain)
 
   contains
+
+    subroutine push_forward()
+      !! Gradients with respect to the deformed places: F^-T grad_X N.
+      real(wp) :: reference(ndim)
+      integer :: number, node, d, first
+
+      do number = 1, m
+        do node = 1, n_patch_node
+          do d = 1, ndim
+            reference(d) = slope(node, d, number)
+          end do
+          do d = 1, ndim
+            first = n_group*n_groups*(ndim*(number - 1) + d - 1)
+            gradient(first + node) = dot_product(inverse(:, d, number), reference)
+          end do
+        end do
+      end do
+    end subroutine push_forward
+
+    subroutine keep_gradients()
+      !! The particles' own gradients on the cell's nodes.
+      integer :: number, node, d
+
+      if (allocated(operators%gradient)) deallocate (operators%gradient)
+      allocate (operators%gradient(ndim, operators%n_node, m), source=0.0_wp)
+      do number = 1, m
+        local = places(operators, grid%patch_node(:, patch(number)))
+        do node = 1, n_patch_node
+          do d = 1, ndim
+            operators%gradient(d, local(node), number) = &
+              operators%gradient(d, local(node), number) + slope(node, d, number)
+          end do
+        end do
+      end do
+    end subroutine keep_gradients
 
     pure real(wp) function slope(node, direction, number)
       !! Gradient of a node of a particle's patch [1/m].

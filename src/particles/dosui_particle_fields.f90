@@ -10,7 +10,7 @@ module dosui_particle_fields
   type, public :: particle_handles_t
     !! Places of the particles' fields in their table; 0: not in this scene.
     integer :: position = 0           !! [m]
-    integer :: position_at_build = 0  !! where neighbourhoods were built, updated scenes only [m]
+    integer :: position_at_build = 0  !! where neighbourhoods were built, if bodies deform [m]
     integer :: velocity = 0           !! [m/s]
     integer :: displacement = 0       !! [m]
     integer :: effective_stress = 0   !! tension positive [Pa]
@@ -21,30 +21,35 @@ module dosui_particle_fields
     integer :: affine = 0             !! APIC velocity gradient [1/s]
     integer :: pore_pressure = 0      !! compression positive [Pa]
     integer :: conductivity = 0       !! k [m/s]
+    integer :: deformation = 0        !! F_ab = dx_a/dX_b at a + (b - 1) ndim, finite strains [-]
+    integer :: reference_volume = 0   !! before any deformation, finite strains [m3]
     integer :: start_pressure = 0     !! pore pressure before any load, adaptive steps only [Pa]
   end type particle_handles_t
 
   type, public :: surface_handles_t
     !! Places of the surface points' fields in their table.
     integer :: position = 0           !! on the true surface [m]
-    integer :: position_at_build = 0  !! updated scenes only [m]
+    integer :: position_at_build = 0  !! if bodies deform [m]
     integer :: normal = 0             !! outward unit normal [-]
     integer :: area = 0               !! of the piece [m2, m in 2-D, 1 in 1-D]
     integer :: surface = 0            !! index into the scene's surfaces, 0: unnamed
     integer :: patch = 0              !! distinct for each region face and surface
     integer :: displacement = 0       !! [m]
     integer :: velocity = 0           !! [m/s]
+    integer :: deformation = 0        !! F as for particles, finite strains [-]
+    integer :: reference_area = 0     !! outward area before any deformation, finite strains [m2]
   end type surface_handles_t
 
 contains
 
-  subroutine register_particle_fields(set, handles, coupled, affine, updated, adaptive)
+  subroutine register_particle_fields(set, handles, coupled, affine, updated, finite, adaptive)
     !! Registers what a scene needs; dry scenes hold no water.
     type(point_set_t), intent(inout) :: set
     type(particle_handles_t), intent(out) :: handles
     logical, intent(in) :: coupled   !! water is computed
     logical, intent(in) :: affine    !! APIC transfer
     logical, intent(in) :: updated   !! particles move
+    logical, intent(in) :: finite    !! finite strains
     logical, intent(in) :: adaptive  !! steps are chosen by their error
     logical, parameter :: yes = .true., no = .false.
 
@@ -58,19 +63,24 @@ contains
     handles%porosity = set%add('porosity', '-', 1, yes, no, yes, yes)
     handles%material = set%add('material', '-', 1, yes, no, yes, yes)
     if (affine) handles%affine = set%add('affine', '1/s', ndim*ndim, yes, no, no, yes)
-    if (updated) handles%position_at_build = &
+    if (updated .or. finite) handles%position_at_build = &
       set%add('position_at_build', 'm', ndim, yes, yes, no, yes)
+    if (finite) then
+      handles%deformation = set%add('deformation', '-', ndim*ndim, yes, no, no, yes)
+      handles%reference_volume = set%add('reference_volume', 'm3', 1, yes, no, no, yes)
+    end if
     if (.not. coupled) return
     handles%pore_pressure = set%add('pore_pressure', 'Pa', 1, yes, no, yes, yes)
     handles%conductivity = set%add('conductivity', 'm/s', 1, yes, yes, no, yes)
     if (adaptive) handles%start_pressure = set%add('start_pressure', 'Pa', 1, yes, no, no, yes)
   end subroutine register_particle_fields
 
-  subroutine register_surface_fields(set, handles, updated)
+  subroutine register_surface_fields(set, handles, updated, finite)
     !! Registers the fields of surface points.
     type(point_set_t), intent(inout) :: set
     type(surface_handles_t), intent(out) :: handles
-    logical, intent(in) :: updated
+    logical, intent(in) :: updated   !! particles move
+    logical, intent(in) :: finite    !! finite strains
     logical, parameter :: yes = .true., no = .false.
 
     handles%position = set%add('position', 'm', ndim, yes, yes, no, yes)
@@ -80,7 +90,10 @@ contains
     handles%patch = set%add('patch', '-', 1, yes, yes, no, yes)
     handles%displacement = set%add('displacement', 'm', ndim, yes, no, no, yes)
     handles%velocity = set%add('velocity', 'm/s', ndim, yes, no, no, yes)
-    if (updated) handles%position_at_build = &
+    if (updated .or. finite) handles%position_at_build = &
       set%add('position_at_build', 'm', ndim, yes, yes, no, yes)
+    if (.not. finite) return
+    handles%deformation = set%add('deformation', '-', ndim*ndim, yes, no, no, yes)
+    handles%reference_area = set%add('reference_area', 'm2', ndim, yes, no, no, yes)
   end subroutine register_surface_fields
 end module dosui_particle_fields

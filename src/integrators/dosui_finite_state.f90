@@ -1,0 +1,172 @@
+!! The state of finite strains on a total Lagrangian grid: nodes and shape functions belong to the
+!! reference configuration, everything else follows from the nodes' motion since some start.
+!!
+!! Volumes are averaged over cells: a particle's deformation gradient is scaled so that its
+!! determinant is J = sum V0 det F/sum V0 of its cell (F-bar), which is what the water sees, too.
+!! Surface points carry a deformation gradient, too, so that pressures follow the surface:
+!! n da = J F^-T N dA (Nanson).
+module dosui_finite_state
+  use dosui_kinds, only: wp
+  use dosui_dimension, only: ndim, nsig
+  use dosui_error, only: error_t
+  use dosui_finite_strain, only: deform, invert, logarithmic_strain
+  use dosui_implicit_system, only: surface_gradients
+  use dosui_model, only: model_t
+  use dosui_text, only: to_text
+  use dosui_topology, only: build_water, refresh_weights
+  implicit none
+  private
+
+  type, public :: finite_start_t
+    !! What a motion of the nodes starts from.
+    real(wp), allocatable :: deformation(:, :, :)         !! (ndim, ndim, n) [-]
+    real(wp), allocatable :: displacement(:, :)           !! of the particles [m]
+    real(wp), allocatable :: surface_displacement(:, :)   !! of the surface points [m]
+    real(wp), allocatable :: surface_deformation(:, :)    !! likewise (ndim*ndim, points) [-]
+    real(wp), allocatable :: volume(:), porosity(:), mass(:)
+  contains
+    procedure :: take => start_take
+    procedure :: move => start_move
+  end type finite_start_t
+
+contains
+
+  subroutine start_take(self, model)
+    !! Keeps the present state.
+    class(finite_start_t), intent(inout) :: self
+    type(model_t), intent(in) :: model
+    integer :: n, m
+
+    n = model%particles%count
+    m = model%surface%count
+    associate (field => model%particles%field, h => model%p)
+      self%deformation = reshape(field(h%deformation)%values(:, 1:n), [ndim, ndim, n])
+      self%displacement = field(h%displacement)%values(:, 1:n)
+      self%volume = field(h%volume)%values(1, 1:n)
+      self%porosity = field(h%porosity)%values(1, 1:n)
+      self%mass = field(h%mass)%values(1, 1:n)
+    end associate
+    associate (field => model%surface%field, h => model%s)
+      self%surface_displacement = field(h%displacement)%values(:, 1:m)
+      self%surface_deformation = field(h%deformation)%values(:, 1:m)
+    end associate
+  end subroutine start_take
+
+  subroutine start_move(self, model, motion, err)
+    !! Puts the model where a motion of the nodes since the start brings it. A cell that has lost
+    !! its volume is an error, and the model then waits for a smaller motion. Collective.
+    class(finite_start_t), intent(in) :: self
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: motion(:, :)   !! of the nodes [m]
+    type(error_t), intent(inout) :: err
+    real(wp), allocatable :: deformation(:, :, :), step(:, :)
+    integer :: n, m
+
+    call model%timers%start(model%phase%stress)
+    n = model%particles%count
+    m = model%surface%count
+    deformation = self%deformation
+    associate (field => model%particles%field, h => model%p)
+      field(h%displacement)%values(:, 1:n) = self%displacement
+      call deform(model%grid, n, model%patch, field(h%position)%values(:, 1:n), motion, &
+                  deformation, field(h%displacement)%values(:, 1:n))
+      field(h%deformation)%values(:, 1:n) = reshape(deformation, [ndim*ndim, n])
+      field(h%position_at_build)%values(:, 1:n) = field(h%position)%values(:, 1:n) + &
+                                                  field(h%displacement)%values(:, 1:n)
+    end associate
+    allocate (step(ndim, m))
+    call model%surface_forces%point_velocity(motion, step)
+    associate (field => model%surface%field, h => model%s)
+      field(h%displacement)%values(:, 1:m) = self%surface_displacement + step
+      field(h%position_at_build)%values(:, 1:m) = field(h%position)%values(:, 1:m) + &
+                                                  field(h%displacement)%values(:, 1:m)
+    end associate
+    call deform_surface(self, model, motion)
+    call find_stresses(self, model, deformation, err)
+    call model%timers%stop(model%phase%stress)
+    call model%comm%agree(err)
+    if (err%failed()) return
+    call model%timers%start(model%phase%rebuild)
+    call refresh_weights(model)
+    if (model%coupled) call build_water(model, model%p%position_at_build)
+    call model%timers%stop(model%phase%rebuild)
+  end subroutine start_move
+
+  subroutine deform_surface(self, model, motion)
+    !! Deformation gradients, normals and areas of the surface points.
+    class(finite_start_t), intent(in) :: self
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: motion(:, :)   !! of the nodes [m]
+    real(wp) :: f(ndim, ndim), inverse(ndim, ndim), area(ndim), gradient(ndim, 2**ndim), jacobian
+    integer :: p, i, b
+
+    associate (field => model%surface%field, h => model%s)
+      do p = 1, model%surface%count
+        f = reshape(self%surface_deformation(:, p), [ndim, ndim])
+        if (model%surface_cell(p) > 0) then
+          call surface_gradients(model, p, gradient)
+          do i = 1, 2**ndim
+            do b = 1, ndim
+              f(:, b) = f(:, b) + gradient(b, i)* &
+                        motion(:, model%grid%cell_node(i, model%surface_cell(p)))
+            end do
+          end do
+        end if
+        field(h%deformation)%values(:, p) = reshape(f, [ndim*ndim])
+        call invert(f, inverse, jacobian)
+        area = jacobian*matmul(field(h%reference_area)%values(:, p), inverse)
+        field(h%area)%values(1, p) = norm2(area)
+        field(h%normal)%values(:, p) = area/max(norm2(area), tiny(1.0_wp))
+      end do
+    end associate
+  end subroutine deform_surface
+
+  subroutine find_stresses(self, model, deformation, err)
+    !! Volumes, stresses, porosities and masses from deformation gradients.
+    class(finite_start_t), intent(in) :: self
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: deformation(:, :, :)
+    type(error_t), intent(inout) :: err
+    real(wp) :: total(model%grid%n_cell), reference(model%grid%n_cell)
+    real(wp) :: strain(nsig), tangent(nsig, nsig), jacobian, mean
+    integer :: p, n
+
+    n = model%particles%count
+    if (allocated(model%inverse_deformation)) deallocate (model%inverse_deformation)
+    if (allocated(model%own_volume)) deallocate (model%own_volume)
+    allocate (model%inverse_deformation(ndim, ndim, n), model%own_volume(n))
+    total = 0.0_wp
+    reference = 0.0_wp
+    associate (v0 => model%particles%field(model%p%reference_volume)%values)
+      do p = 1, n
+        call invert(deformation(:, :, p), model%inverse_deformation(:, :, p), jacobian)
+        if (.not. jacobian > 0.0_wp .and. .not. err%failed()) then
+          call err%set('particle '//to_text(model%particles%id(p))//' has lost all its volume '// &
+                       '(J <= 0)')
+        end if
+        model%own_volume(p) = v0(1, p)*jacobian
+        total(model%cell(p)) = total(model%cell(p)) + model%own_volume(p)
+        reference(model%cell(p)) = reference(model%cell(p)) + v0(1, p)
+      end do
+      if (err%failed()) return
+      associate (field => model%particles%field, h => model%p)
+        do p = 1, n
+          mean = total(model%cell(p))/reference(model%cell(p))
+          if (.not. model%averaged) mean = model%own_volume(p)/v0(1, p)
+          call logarithmic_strain(deformation(:, :, p)* &
+                                  (mean*v0(1, p)/model%own_volume(p))**(1.0_wp/ndim), strain)
+          call model%materials%item(model%material(p))%model%tangent( &
+            field(h%effective_stress)%values(:, p), model%state(:, p), tangent)
+          field(h%effective_stress)%values(:, p) = matmul(tangent, strain)/mean
+          field(h%volume)%values(1, p) = v0(1, p)*mean
+          field(h%porosity)%values(1, p) = 1.0_wp - (1.0_wp - self%porosity(p))*self%volume(p)/ &
+                                           field(h%volume)%values(1, p)
+          if (model%coupled) then   ! the water that left is no longer carried
+            field(h%mass)%values(1, p) = self%mass(p) + model%scene%water%density* &
+                                         (field(h%volume)%values(1, p) - self%volume(p))
+          end if
+        end do
+      end associate
+    end associate
+  end subroutine find_stresses
+end module dosui_finite_state

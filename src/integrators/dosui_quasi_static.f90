@@ -110,7 +110,7 @@ contains
     call zero_velocities(model)
     if (model%finite) then
       call self%start%take(model)
-      call self%newton(model, model%clock%time, 0.0_wp, supply, motion, pressure, err)
+      call self%newton(model, model%clock%time, 0.0_wp, supply, .false., motion, pressure, err)
       if (err%failed()) return
       if (model%coupled) then
         call add_pressure(model, pressure)
@@ -320,7 +320,7 @@ contains
     call self%start%take(model)
     self%is_moved = .true.
     if (.not. model%coupled) then
-      call self%newton(model, t + dt, a, supply, motion, pressure, err)
+      call self%newton(model, t + dt, a, supply, .false., motion, pressure, err)
       return
     end if
     associate (n => model%particles%count)
@@ -329,28 +329,29 @@ contains
     end associate
     call find_flow(model, t, start, flow(:, 1), inflow(:, 1))
     supply = a*flow(:, 1)
-    call self%newton(model, t + gamma*dt, a, supply, motion, pressure, err)
+    call self%newton(model, t + gamma*dt, a, supply, .false., motion, pressure, err)
     if (err%failed()) return
     call find_flow(model, t + gamma*dt, start + pressure, flow(:, 2), inflow(:, 2))
     content = a*(flow(:, 1) + flow(:, 2))
     supply = content/(gamma*(2.0_wp - gamma))
     motion = motion/gamma   ! a guess for the whole step
     pressure = pressure/gamma
-    call self%newton(model, t + dt, a, supply, motion, pressure, err)
+    call self%newton(model, t + dt, a, supply, .true., motion, pressure, err)
     if (err%failed()) return
     call find_flow(model, t + dt, start + pressure, flow(:, 3), inflow(:, 3))
     self%inflow = a*((inflow(:, 1) + inflow(:, 2))/(gamma*(2.0_wp - gamma)) + inflow(:, 3))
     call estimate_error(self, model, dt, a, flow, start, pressure, error_norm, err)
   end subroutine finite_attempt
 
-  subroutine newton(self, model, time, a, supply, motion, pressure, err)
-    !! Solves one stage of finite strains, from the guess that motion and pressure hold:
+  subroutine newton(self, model, time, a, supply, is_guess, motion, pressure, err)
+    !! Solves one stage of finite strains, from the guess that motion and pressure may hold:
     !! forces are in balance, and water content changes by supply + a F. Collective.
     class(quasi_static_t), intent(inout) :: self
     type(model_t), intent(inout) :: model
     real(wp), intent(in) :: time       !! at the end of the stage [s]
     real(wp), intent(in) :: a          !! weight of the flow there [s]
     real(wp), intent(in) :: supply(:)  !! of the particles [m3]
+    logical, intent(in) :: is_guess    !! motion and pressure are near the solution, not zero
     real(wp), intent(inout) :: motion(:, :)   !! since the start [m]
     real(wp), intent(inout) :: pressure(:)    !! since the start [Pa]
     type(error_t), intent(inout) :: err
@@ -366,7 +367,10 @@ contains
     allocate (water(n), stored(n), pressure_step(n), start(n), source=0.0_wp)
     if (model%coupled) start = model%particles%field(model%p%pore_pressure)%values(1, 1:n)
     call self%system%unknowns%prescribe(model, model%clock%time, time, held, has_held)
-    motion = merge(held, motion, self%system%unknowns%is_held)
+    if (is_guess) then   ! else the first iteration distributes it over the body
+      motion = merge(held, motion, self%system%unknowns%is_held)
+      has_held = .false.
+    end if
     call self%start%move(model, motion, err)
     is_last = .false.
     do k = 1, newton_limit
@@ -392,9 +396,9 @@ contains
       force = model%nodal(2 + ndim:, :)
       call self%system%internal_forces(model, start + pressure, force)
       call model%timers%start(model%phase%solver)
-      step = 0.0_wp
-      call self%system%solve(model, a, force, time, none, .false., water, &
-                             direct_tolerance(self), .false., step, pressure_step, err)
+      call self%system%solve(model, a, force, time, merge(held, none, has_held), has_held, &
+                             water, direct_tolerance(self), .false., step, pressure_step, err)
+      has_held = .false.
       call model%timers%stop(model%phase%solver)
       if (err%failed()) return
       self%n_newton = self%n_newton + 1

@@ -14,8 +14,8 @@ module dosui_skeleton_step
 
   real(wp), parameter :: light_node = 1.0e-6_wp   !! of a full cell's mass [-]
 
-  public :: gather_forces, gather_loads, update_nodes, update_particles, zero_velocities, nodal_accelerations, &
-            light_node_mass
+  public :: gather_forces, gather_loads, update_nodes, update_particles, zero_velocities, &
+            nodal_accelerations, light_node_mass
 
 contains
 

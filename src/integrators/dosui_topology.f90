@@ -20,7 +20,8 @@ module dosui_topology
   implicit none
   private
 
-  public :: distribute, build_geometry, build_water, join_parts, needs_rebuild, refresh_storage, refresh_weights
+  public :: distribute, build_geometry, build_water, join_parts, needs_rebuild, &
+            refresh_storage, refresh_weights
 
   real(wp), parameter :: inward = 1.0e-3_wp          !! surface points lie in the cell inside [h]
   real(wp), parameter :: imbalance_limit = 1.2_wp    !! repartition above this

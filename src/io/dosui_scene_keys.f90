@@ -298,7 +298,7 @@ contains
                     'skeleton only; quasi_static: no inertia, steps by accuracy; auto: what '// &
                     'suits the scene', choices='explicit semi_implicit quasi_static auto'))
     call v%name(scene%deformation, &
-                key('deformation', 'small_strain: the geometry stays as it is; finite: the grid '// &
+               key('deformation', 'small_strain: the geometry stays as it is; finite: the grid '// &
                     'deforms with the body (quasi_static); updated: particles move through '// &
                     'the grid', choices='small_strain finite updated'))
     call v%name(scene%leaving_particles, &

@@ -122,8 +122,9 @@ contains
       axes(k, k) = 1.0_wp
     end do
     do k = 1, sweeps
-      do p = 1, ndim - 1
-        do q = p + 1, ndim
+      do p = 1, ndim
+        do q = 1, ndim
+          if (q <= p) cycle
           if (.not. abs(a(p, q)) > epsilon(1.0_wp)*1.0e-2_wp*(abs(a(p, p)) + abs(a(q, q)))) cycle
           theta = 0.5_wp*(a(q, q) - a(p, p))/a(p, q)
           t = sign(1.0_wp, theta)/(abs(theta) + sqrt(theta**2 + 1.0_wp))
@@ -168,8 +169,8 @@ contains
         do b = 1, ndim
           do a = 1, ndim
             stiffness(ndim*(i - 1) + a, ndim*(j - 1) + b) = -0.5_wp*( &
-              g(a)*pushed(b, i) + full(a, b)*cross + pushed(a, j)*f(b)) - &
-              pressure*(f(a)*g(b) - g(a)*f(b))
+                                       g(a)*pushed(b, i) + full(a, b)*cross + pushed(a, j)*f(b)) - &
+                                                            pressure*(f(a)*g(b) - g(a)*f(b))
           end do
           stiffness(ndim*(i - 1) + b, ndim*(j - 1) + b) = &
             stiffness(ndim*(i - 1) + b, ndim*(j - 1) + b) + 0.5_wp*dot_product(g, pushed(:, i))

@@ -33,7 +33,8 @@ module dosui_quasi_static
   real(wp), parameter :: worthwhile = 1.25_wp         !! growth that pays for a new factorisation
   real(wp), parameter :: scale_share = 0.01_wp        !! of the largest pressure, in the norm [-]
   real(wp), parameter :: estimate_tolerance = 1.0e-3_wp   !! of the error's own solution [-]
-  integer, parameter :: attempts = 12                 !! at one step
+  integer, parameter :: attempts = 40                 !! at one step: the first may be far too large
+  integer, parameter :: solver_attempts = 12          !! of them that fail for the solver
   integer, parameter :: newton_limit = 25             !! iterations of one stage
   integer, parameter :: halvings = 10                 !! of an iteration that would crush a particle
   real(wp), parameter :: newton_tolerance = 1.0e-8_wp   !! last increments over all [-]
@@ -144,8 +145,9 @@ contains
     type(error_t) :: failure
     real(wp), allocatable :: motion(:, :), pressure(:)
     real(wp) :: error_norm, growth
-    integer :: k
+    integer :: k, failures
 
+    failures = 0
     do k = 1, attempts
       limits(1)%name = 'accuracy'
       limits(1)%dt = model%next_dt
@@ -162,7 +164,8 @@ contains
       if (failure%failed()) then
         self%n_failed = self%n_failed + 1
         model%next_dt = 0.25_wp*model%clock%dt
-        if (.not. model%coupled .or. k == attempts) then
+        failures = failures + 1
+        if (.not. model%coupled .or. failures == solver_attempts) then
           call err%set('quasi-static step at t = '//to_text(model%clock%time)//' s: '// &
                        failure%message)
           return

@@ -2,6 +2,7 @@
 !! that a scene needs.
 program dosui_main
   use, intrinsic :: iso_fortran_env, only: output_unit
+  use dosui_allocator, only: return_large_arrays
   use dosui_build_info, only: build_type, compiler, flags, git_hash, version
   use dosui_command_line, only: command_line_t, read_command_line, usage
   use dosui_communicator, only: communicator_t, parallel_start, parallel_stop
@@ -24,6 +25,7 @@ program dosui_main
   character(len=:), allocatable :: template
   integer :: status
 
+  call return_large_arrays()
   call parallel_start(comm, err)
   call log%init(comm%is_root())
   call read_command_line(line, err)

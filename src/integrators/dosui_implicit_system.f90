@@ -29,6 +29,7 @@ module dosui_implicit_system
   public :: surface_gradients
 
   integer, parameter :: direct_limit(3) = [500000, 12000, 4000]   !! unknowns in 1-D, 2-D, 3-D
+  integer, parameter :: last_resort = 20   !! times as many are factorised where iterations fail
   real(wp), parameter :: hourglass_stiffness = 0.1_wp
   !! of cells with one particle, over their deviatoric stiffness; it acts on increments only [-]
   real(wp), parameter :: empty_node = 1.0e-12_wp   !! stiffness of a node over the modulus [-]
@@ -41,6 +42,7 @@ module dosui_implicit_system
     real(wp) :: force = 1.0_wp       !! unit of nodal forces [N]
     real(wp) :: volume = 1.0_wp      !! unit of water volumes [m3]
     real(wp) :: tolerance = 1.0e-8_wp   !! of linear solutions [-]
+    logical, private :: insists_on_direct = .false.   !! iterations have failed
     real(wp), allocatable, private :: storage(:)   !! entries of S
     real(wp), allocatable, private :: flow(:)      !! entries of -VL, after those of S
     real(wp), allocatable, private :: coupling(:)  !! Schur complement beyond C, like storage
@@ -55,6 +57,7 @@ module dosui_implicit_system
     procedure :: solve => implicit_solve
     procedure :: internal_forces => implicit_internal_forces
     procedure :: stored => implicit_stored
+    procedure :: turn_direct => implicit_turn_direct
     procedure :: set_step => implicit_set_step
     procedure :: volume_change => implicit_volume_change
     procedure, private :: build_skeleton
@@ -103,6 +106,7 @@ contains
     n_unknown = model%comm%sum(n_u) + model%comm%sum(self%unknowns%n_p)
     is_direct = n_unknown <= direct_limit(ndim)
     if (model%scene%solver%linear /= 'auto') is_direct = model%scene%solver%linear == 'direct'
+    is_direct = is_direct .or. self%insists_on_direct
     call self%system%init(model%comm, n_u, self%unknowns%n_p, is_direct, is_dynamic, err)
     if (err%failed()) return
     if (.not. model%rigid) then
@@ -738,6 +742,17 @@ contains
     call model%grid%node_map%gather(model%comm, ndim, internal)
     force = force + internal
   end subroutine implicit_internal_forces
+
+  logical function implicit_turn_direct(self, model) result(turned)
+    !! After iterations that failed: the next `build` factorises, if the scene leaves the choice
+    !! and the system is not too large. Collective.
+    class(implicit_system_t), intent(inout) :: self
+    type(model_t), intent(in) :: model
+
+    turned = .not. self%system%is_direct .and. model%scene%solver%linear == 'auto' .and. &
+             sum(self%system%n_all) <= last_resort*direct_limit(ndim)
+    if (turned) self%insists_on_direct = .true.
+  end function implicit_turn_direct
 
   subroutine implicit_stored(self, model, flow_weight, pressure, stored, err)
     !! S V p - a V L p: what increments of pressure store and let out. Collective.

@@ -103,6 +103,8 @@ contains
     type(model_t), intent(inout) :: model
     type(error_t), intent(inout) :: err
     real(wp), allocatable :: motion(:, :), pressure(:), supply(:), held(:, :)
+    type(error_t) :: failure
+    integer :: k
 
     if (model%rigid) return
     call allocate_increments(model, motion, pressure, supply)
@@ -121,8 +123,19 @@ contains
     end if
     call gather_forces(model)
     call model%timers%start(model%phase%solver)
-    call self%system%solve(model, 0.0_wp, model%nodal(2 + ndim:, :), model%clock%time, held, &
-                           .false., supply, direct_tolerance(self), .false., motion, pressure, err)
+    do k = 1, 2
+      failure = error_t()
+      call self%system%solve(model, 0.0_wp, model%nodal(2 + ndim:, :), model%clock%time, held, &
+                             .false., supply, direct_tolerance(self), .false., motion, pressure, &
+                             failure)
+      if (.not. failure%failed()) exit
+      if (k == 2 .or. .not. self%system%turn_direct(model)) then
+        err = failure
+        exit
+      end if
+      call factorise_instead(self, model, failure%message, err)
+      if (err%failed()) exit
+    end do
     call model%timers%stop(model%phase%solver)
     if (err%failed()) return
     model%relaxing = .true.
@@ -163,6 +176,11 @@ contains
       end if
       if (failure%failed()) then
         self%n_failed = self%n_failed + 1
+        if (self%system%turn_direct(model)) then
+          call factorise_instead(self, model, failure%message, err)
+          if (err%failed()) return
+          cycle
+        end if
         model%next_dt = 0.25_wp*model%clock%dt
         failures = failures + 1
         if (.not. model%coupled .or. failures == solver_attempts) then
@@ -215,6 +233,17 @@ contains
     text = ''
     if (n > 0) text = 'Newton''s iterations '//to_text(n)//'; '
   end function newton_iterations
+
+  subroutine factorise_instead(self, model, message, err)
+    !! Builds the equations anew, for direct solutions.
+    class(quasi_static_t), intent(inout) :: self
+    type(model_t), intent(inout) :: model
+    character(len=*), intent(in) :: message   !! why
+    type(error_t), intent(inout) :: err
+
+    call model%log%warning(message//'; direct solutions from now on')
+    call self%system%build(model, .false., err)
+  end subroutine factorise_instead
 
   subroutine stop_at_corner(self, model)
     !! Ends a step where a table changes its slope, and halves the one before.

@@ -162,6 +162,36 @@ def test_strip_load_keeps_pressures_bounded(dosui: Runner, jitter: float, per_ce
 
 
 @pytest.mark.parametrize(
+    ("spacing", "per_cell", "jitter"), [(0.2, 1, 0.0), (0.2, 2, 0.0), (0.1, 1, 0.0), (0.1, 2, 0.25)]
+)
+def test_strip_load_does_not_lock(
+    dosui: Runner, spacing: float, per_cell: int, jitter: float
+) -> None:
+    """nu = 0.499, undrained: the settlement of the finest grids (0.05 m, both kinds of cells)."""
+    text = strip_load(jitter, per_cell, 0.499, REAL_WATER)
+    run = dosui(text.replace("spacing = 0.1", f"spacing = {spacing}").replace("1.0e5", "1.0"))
+    assert run.status == 0, run.stderr
+    assert run.history("strip", "settlement")[0] == pytest.approx(1.1456e-3, rel=5e-3)
+
+
+def test_direct_solutions_where_iterations_fail(
+    dosui: Runner, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A system above the direct limit whose iterations stop: factorised, and said so."""
+    text = strip_load(0.0, 1, 0.3, REAL_WATER).replace("spacing = 0.1", "spacing = 0.0625")
+    text = text.replace("1.0e5", "1.0")
+    right = dosui(text, folder="right")
+    assert "iterative solutions" in right.stdout
+    poor = "-dosui_split_fieldsplit_u_pc_type none -dosui_split_fieldsplit_p_pc_type none"
+    monkeypatch.setenv("PETSC_OPTIONS", poor)
+    run = dosui(text, folder="left")
+    assert run.status == 0, run.stderr
+    assert "direct solutions from now on" in run.stderr + run.stdout
+    found = [r.history("strip", "settlement")[-1] for r in (run, right)]
+    assert found[0] == pytest.approx(found[1], rel=1e-6)
+
+
+@pytest.mark.parametrize(
     ("dimension", "cells", "per_cell"),
     [(1, (20, 40, 80), 1), (2, (8, 16, 32), 1), (2, (8, 16, 32), 2), (3, (4, 8), 2)],
 )

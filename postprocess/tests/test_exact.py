@@ -9,7 +9,15 @@ import pytest
 from synthetic import soil
 
 from dosui_post.errors import DosuiPostError
-from dosui_post.exact import BarVibration, Drainage, Hydrostatic, Mandel, Soil, Terzaghi
+from dosui_post.exact import (
+    BarVibration,
+    Drainage,
+    Hydrostatic,
+    Mandel,
+    RadialConsolidation,
+    Soil,
+    Terzaghi,
+)
 
 NO_WATER_COMPRESSION = math.inf
 POISSON = [-0.3, 0.0, 0.2, 0.4, 0.49, 0.499]
@@ -252,3 +260,69 @@ def test_bar_satisfies_the_wave_equation() -> None:
     assert abs(d[-1] - d[-2]) < 1e-3 * np.max(np.abs(d))
     assert bar.velocity(2.0 / 5, 0.0) == pytest.approx(0.1)
     assert bar.displacement(s, bar.period) == pytest.approx(bar.displacement(s, 0.0), abs=1e-12)
+
+
+# ---------------------------------------------------------------------- Cryer, de Leeuw
+
+
+def radial(dimension: int, nu: float, kw: float) -> RadialConsolidation:
+    return RadialConsolidation(soil(nu, kw), 1000.0, 0.8, dimension)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("nu", [-0.3, 0.0, 0.2, 0.4, 0.499])
+@pytest.mark.parametrize("kw", [3.0e6, 2.2e9])
+def test_radial_consolidation_satisfies_its_equations(dimension: int, nu: float, kw: float) -> None:
+    """Storage, equilibrium and the load at the surface, by differences."""
+    case = radial(dimension, nu, kw)
+    s, a, d = case.soil, case.radius, dimension
+    time = case.time(0.07)
+    modulus, shear = s.constrained_modulus, s.shear_modulus
+    step = 2.0e-3 * a
+    r = np.linspace(0.2, 0.8, 7) * a
+
+    def strain(position: np.ndarray, at: float) -> np.ndarray:
+        outer = (position + step) ** (d - 1) * case.displacement(position + step, at)
+        inner = (position - step) ** (d - 1) * case.displacement(position - step, at)
+        return (outer - inner) / (2 * step * position ** (d - 1))
+
+    dt = 1.0e-4 * time
+    stored = (
+        strain(r, time + dt)
+        - strain(r, time - dt)
+        + s.storage * (case.pressure(r, time + dt) - case.pressure(r, time - dt))
+    ) / (2 * dt)
+    up, here, down = (case.pressure(r + k * step, time) for k in (1, 0, -1))
+    flow = (up - 2 * here + down) / step**2 + (d - 1) / r * (up - down) / (2 * step)
+    flow *= s.conductivity / s.unit_weight
+    assert stored == pytest.approx(flow, rel=2e-4, abs=2e-5 * np.max(np.abs(flow)))
+    # M grad(strain) = grad(u), and the total radial stress is -q at r = a
+    slope = (strain(r + step, time) - strain(r - step, time)) / (2 * step)
+    assert modulus * slope == pytest.approx(
+        (up - down) / (2 * step), rel=1e-3, abs=5e-4 * case.load / a
+    )
+    at = np.array([a])
+    one_sided = (
+        3 * case.displacement(at, time)
+        - 4 * case.displacement(at - step, time)
+        + case.displacement(at - 2 * step, time)
+    ) / (2 * step)
+    hoop = case.displacement(at, time) / a
+    stress = modulus * one_sided + (modulus - 2 * shear) * (d - 1) * hoop
+    assert stress == pytest.approx(-case.load, rel=2e-4)
+    assert case.pressure(at, time) == pytest.approx(0.0, abs=1e-9 * case.load)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_radial_consolidation_starts_undrained_and_rises(dimension: int) -> None:
+    case = radial(dimension, 0.0, math.inf)
+    assert case.initial_pressure == pytest.approx(case.load, rel=1e-12)
+    early = case.pressure(np.linspace(0, 0.9, 10) * case.radius, case.time(1e-5))
+    assert early == pytest.approx(case.load, rel=0.02)
+    assert case.displacement(case.radius, 0.0) == pytest.approx(0.0, abs=1e-15)
+    peak = max(float(case.pressure(0.0, case.time(t))) for t in np.linspace(0.02, 0.12, 51))
+    # Cryer (1963), fig. 3: about 1.6 for nu = 0
+    assert peak == pytest.approx({2: 1.27, 3: 1.57}[dimension] * case.load, rel=0.01)
+    final = -case.load / (2 * case.soil.shear_modulus)
+    # nu = 0: no lateral coupling, every direction is compressed by q/E
+    assert case.displacement(case.radius, case.time(20.0)) / case.radius == pytest.approx(final)

@@ -536,7 +536,7 @@ contains
     associate (grid => model%grid)
       place = (model%surface%field(model%s%position)%values(:, p) - grid%origin)/grid%spacing - &
               real(grid%cell_base(:, model%surface_cell(p)), wp)
-      call hat_gradients(place, 0.0_wp, grid%spacing, gradient)
+      call hat_gradients(place, spread(0.0_wp, 1, ndim), grid%spacing, gradient)
     end associate
   end subroutine surface_gradients
 

@@ -10,6 +10,7 @@ module dosui_integrator_choice
   use dosui_dimension, only: ndim
   use dosui_materials, only: material_set_t
   use dosui_scene, only: name_length, scene_t, table_t
+  use dosui_shapes, only: shape_bounds
   use dosui_text, only: to_text
   implicit none
   private
@@ -78,7 +79,8 @@ contains
     real(wp), intent(in) :: spacing
     type(integrator_choice_t), intent(inout) :: choice
     real(wp), intent(out) :: travel   !! [s]
-    real(wp) :: modulus, density, drained, undrained, diffusion, low(ndim), high(ndim), water
+    real(wp) :: modulus, density, drained, undrained, diffusion, low(ndim), high(ndim), water, &
+                corner(ndim), opposite(ndim)
     integer :: k
 
     drained = 0.0_wp     ! speeds squared
@@ -103,13 +105,9 @@ contains
     low = huge(1.0_wp)
     high = -huge(1.0_wp)
     do k = 1, size(scene%region)
-      if (allocated(scene%region(k)%vertices)) then
-        low = min(low, minval(scene%region(k)%vertices, dim=2))
-        high = max(high, maxval(scene%region(k)%vertices, dim=2))
-      else
-        low = min(low, scene%region(k)%box_min)
-        high = max(high, scene%region(k)%box_max)
-      end if
+      call shape_bounds(scene%region(k), scene%region(k)%shape_angle, corner, opposite)
+      low = min(low, scene%region(k)%pivot + corner)
+      high = max(high, scene%region(k)%pivot + opposite)
     end do
     travel = 0.0_wp
     if (drained > 0.0_wp) travel = maxval(high - low)/sqrt(drained)

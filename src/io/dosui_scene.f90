@@ -23,10 +23,14 @@ module dosui_scene
     !! A shape filled with particles of one material on a regular lattice.
     character(len=name_length) :: name = ''
     character(len=name_length) :: material = ''
-    character(len=name_length) :: shape = 'box'      !! 'box' or 'polygon' (2-D only)
+    character(len=name_length) :: shape = 'box'   !! or 'polygon', 'circle' (2-D), 'sphere' (3-D)
     real(wp) :: box_min(ndim) = 0.0_wp               !! lower corner before turning [m]
     real(wp) :: box_max(ndim) = 0.0_wp               !! upper corner before turning [m]
     real(wp), allocatable :: vertices(:, :)   !! (ndim, n) polygon corners, counter-clockwise [m]
+    real(wp) :: centre(ndim) = 0.0_wp                !! of a circle or sphere before turning [m]
+    real(wp) :: radius = 0.0_wp                      !! of it [m]
+    real(wp) :: cut_min(ndim) = -huge(1.0_wp)        !! a circle or sphere keeps what is above [m]
+    real(wp) :: cut_max(ndim) = huge(1.0_wp)         !! and below [m]
     real(wp) :: particle_spacing = 0.0_wp
     !! lattice spacing [m]; 0: grid spacing / particles_per_cell
     integer :: particles_per_cell = 2                !! per direction

@@ -5,7 +5,7 @@ module dosui_scene_checks
   use dosui_expression, only: expression_t
   use dosui_namelist, only: namelist_t
   use dosui_problems, only: problems_t
-  use dosui_scene, only: scene_t, table_t, name_length
+  use dosui_scene, only: region_t, scene_t, table_t, name_length
   use dosui_scene_keys, only: group_size
   use dosui_text, only: nearest_name, to_text
   implicit none
@@ -238,7 +238,7 @@ contains
   end subroutine check_domain
 
   subroutine check_regions(checker, scene)
-    !! Boxes and polygons.
+    !! Boxes, polygons, circles and spheres.
     type(checker_t), intent(inout) :: checker
     type(scene_t), intent(inout) :: scene
     integer :: r
@@ -262,10 +262,35 @@ contains
           else if (allocated(region%vertices)) then
             call check_polygon(checker, scene, r)
           end if
+        else if (region%shape == 'circle' .or. region%shape == 'sphere') then
+          if (ndim /= merge(2, 3, region%shape == 'circle')) then
+            call checker%complain('region', r, 'shape', 'a '//trim(region%shape)//' needs a '// &
+                                  'scene in '//merge('2-D', '3-D', region%shape == 'circle'))
+          else if (region%radius > 0.0_wp) then
+            call check_cuts(checker, region, r)
+          end if
         end if
       end associate
     end do
   end subroutine check_regions
+
+  subroutine check_cuts(checker, region, r)
+    !! Cuts that leave a part of the circle or sphere.
+    type(checker_t), intent(inout) :: checker
+    type(region_t), intent(in) :: region
+    integer, intent(in) :: r
+    real(wp) :: nearest(ndim)
+
+    if (.not. all(region%cut_min < region%cut_max)) then
+      call checker%complain('region', r, 'cut_max', 'must be above cut_min everywhere')
+      return
+    end if
+    nearest = min(max(region%centre, region%cut_min), region%cut_max)
+    if (norm2(nearest - region%centre) >= region%radius) then
+      call checker%complain('region', r, 'cut_min', 'the cuts leave nothing of the '// &
+                            trim(region%shape))
+    end if
+  end subroutine check_cuts
 
   subroutine check_polygon(checker, scene, r)
     !! A simple polygon with an inside; clockwise corners are turned round.
@@ -392,6 +417,17 @@ contains
       do k = 1, size(faces) - 1
         faces(k) = 'edge'//to_text(k)
       end do
+    else if (scene%region(r)%shape == 'circle' .or. scene%region(r)%shape == 'sphere') then
+      allocate (faces(0))
+      associate (region => scene%region(r))
+        do k = 1, ndim
+          if (region%cut_min(k) > region%centre(k) - region%radius) &
+            faces = [character(len=name_length) :: faces, axes(merge(3, k, k == ndim))//'-']
+          if (region%cut_max(k) < region%centre(k) + region%radius) &
+            faces = [character(len=name_length) :: faces, axes(merge(3, k, k == ndim))//'+']
+        end do
+      end associate
+      faces = [character(len=name_length) :: faces, 'round', 'all']
     else
       allocate (faces(2*ndim + 1))
       do k = 1, ndim

@@ -460,7 +460,8 @@ contains
     call v%name(region%name, key('name', 'what surfaces and initial states call it', &
                                  required=.true.))
     call v%name(region%material, key('material', 'name of a &material', required=.true.))
-    call v%name(region%shape, key('shape', 'box, or polygon (2-D only)', choices='box polygon'))
+    call v%name(region%shape, key('shape', 'box, polygon or circle (2-D), or sphere (3-D)', &
+                                  choices='box polygon circle sphere'))
     call v%vector(region%box_min, &
                   key('box_min', 'lower corner before turning', unit='m', required=.true., &
                       only='shape = ''box''', applies=region%shape == 'box', &
@@ -474,6 +475,23 @@ contains
                       'from the first to the second, counter-clockwise', unit='m', &
                       required=.true., only='shape = ''polygon''', &
                       applies=region%shape == 'polygon', undecided=region%shape == ''))
+    call v%vector(region%centre, &
+                  key('centre', 'of the circle or sphere before turning', unit='m', &
+                      only='shape = ''circle'' or ''sphere''', applies=is_round(region), &
+                      undecided=region%shape == ''))
+    call v%real(region%radius, &
+                key('radius', 'of the circle or sphere', unit='m', range='> 0', required=.true., &
+                    only='shape = ''circle'' or ''sphere''', applies=is_round(region), &
+                    undecided=region%shape == ''))
+    call v%vector(region%cut_min, &
+                  key('cut_min', 'only the part of the circle or sphere above this corner: a '// &
+                      'half, quarter or eighth', unit='m', &
+                      only='shape = ''circle'' or ''sphere''', applies=is_round(region), &
+                      undecided=region%shape == ''))
+    call v%vector(region%cut_max, &
+                  key('cut_max', 'only the part below this corner', unit='m', &
+                      only='shape = ''circle'' or ''sphere''', applies=is_round(region), &
+                      undecided=region%shape == ''))
     call v%real(region%particle_spacing, &
                 key('particle_spacing', 'of the lattice; 0: grid spacing / particles_per_cell', &
                     unit='m', range='>= 0'))
@@ -494,6 +512,13 @@ contains
     call v%vector(region%pivot, key('pivot', 'centre of both turns', unit='m'))
     call v%vector(region%velocity, key('velocity', 'initial velocity', unit='m/s'))
   end subroutine visit_region
+
+  pure logical function is_round(region)
+    !! Is the region's shape a circle or a sphere?
+    type(region_t), intent(in) :: region
+
+    is_round = region%shape == 'circle' .or. region%shape == 'sphere'
+  end function is_round
 
   subroutine visit_initial_state(v, state, is_dry)
     !! Keys of &initial_state.
@@ -555,7 +580,8 @@ contains
     call v%name(surface%region, key('region', 'name of a &region', required=.true.))
     call v%name(surface%face, &
                 key('face', 'face of the unturned box (x-, x+, y-, y+, z-, z+), edge of a '// &
-                    'polygon (edge1, edge2, ...), or all', required=.true.))
+                    'polygon (edge1, edge2, ...), round of a circle or sphere, whose cuts are '// &
+                    'called like a box''s faces, or all', required=.true.))
     call v%vector(surface%box_min, &
                   key('box_min', 'only the part of the face above this corner', unit='m'))
     call v%vector(surface%box_max, &
@@ -721,11 +747,11 @@ contains
 
     call v%name(verification%case, &
                 key('case', 'name of the exact solution', required=.true., &
-                    choices='terzaghi mandel hydrostatic bar drainage'))
+                    choices='terzaghi mandel cryer de_leeuw hydrostatic bar drainage'))
     call v%real(verification%load, &
-                key('load', 'Terzaghi: pressure q [Pa]; Mandel: force F [N/m]'))
+                key('load', 'pressure q [Pa]; Mandel: force F [N/m]'))
     call v%real(verification%length, &
-                key('length', 'drainage length H, or half width a', unit='m', range='> 0', &
+                key('length', 'drainage length H, half width or radius a', unit='m', range='> 0', &
                     required=.true.))
     call v%vector(verification%drained, &
                   key('drained', 'a point of the drained surface', unit='m', required=.true.))

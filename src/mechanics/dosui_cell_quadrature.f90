@@ -29,7 +29,6 @@ module dosui_cell_quadrature
 
   public :: hat_gradients
 
-  real(wp), parameter :: least_part = 0.3_wp      !! of a cell that stands alone [-]
   real(wp), parameter :: fitted_tolerance = 1.0e-9_wp   !! [-]
   real(wp), parameter :: least_filling = 0.5_wp   !! of a cell that no surface cuts, to be full [-]
 
@@ -51,7 +50,7 @@ module dosui_cell_quadrature
 
 contains
 
-  subroutine cell_quadrature_init_from_shapes(self, comm, grid, regions, n, cell)
+  subroutine cell_quadrature_init_from_shapes(self, comm, grid, regions, n, cell, least_part)
     !! Measures and gradients of all cells from the shapes of undeformed regions. Collective.
     class(cell_quadrature_t), intent(inout) :: self
     type(communicator_t), intent(in) :: comm
@@ -59,9 +58,10 @@ contains
     type(region_t), intent(in) :: regions(:)
     integer, intent(in) :: n
     integer, intent(in) :: cell(n)   !! of the particles
+    real(wp), intent(in) :: least_part   !! of a cell that stands alone [-]
     type(filling_t), allocatable :: own(:), whole(:)
     real(wp), allocatable :: number(:)
-    real(wp) :: centroid(ndim)
+    real(wp) :: centroid(ndim), covariance(ndim)
     integer :: p, c
     logical :: fitted
 
@@ -93,8 +93,10 @@ contains
     do c = 1, grid%n_cell
       if (.not. whole(c)%volume > 0.0_wp) cycle
       centroid = whole(c)%moment/whole(c)%volume
-      call hat_gradients(centroid, whole(c)%mixed/whole(c)%volume - centroid(1)*centroid(ndim), &
-                         grid%spacing, self%gradient(:, :, c))
+      covariance = 0.0_wp
+      if (ndim == 3) covariance = whole(c)%mixed/whole(c)%volume - &
+                                  cshift(centroid, 1)*cshift(centroid, 2)
+      call hat_gradients(centroid, covariance, grid%spacing, self%gradient(:, :, c))
     end do
 
   contains
@@ -168,9 +170,11 @@ contains
     do c = 1, grid%n_cell
       if (self%is_cut(c)) then
         call hat_gradients((sums(3:, c)/sums(1, c) - grid%origin)/grid%spacing - &
-                           grid%cell_base(:, c), 0.0_wp, grid%spacing, self%gradient(:, :, c))
+                           grid%cell_base(:, c), spread(0.0_wp, 1, ndim), grid%spacing, &
+                           self%gradient(:, :, c))
       else
-        call hat_gradients(spread(0.5_wp, 1, ndim), 0.0_wp, grid%spacing, self%gradient(:, :, c))
+        call hat_gradients(spread(0.5_wp, 1, ndim), spread(0.0_wp, 1, ndim), grid%spacing, &
+                           self%gradient(:, :, c))
       end if
     end do
   end subroutine cell_quadrature_init_from_particles
@@ -178,11 +182,11 @@ contains
   pure subroutine hat_gradients(centroid, covariance, spacing, gradient)
     !! Mean gradients of the corner hats over a part of a cell, x fastest [1/m].
     real(wp), intent(in) :: centroid(ndim)   !! local coordinates, 0 to 1 in the cell
-    real(wp), intent(in) :: covariance       !! of the first and the last coordinate
+    real(wp), intent(in) :: covariance(ndim)   !! of the other two coordinates, 3-D only
     real(wp), intent(in) :: spacing          !! [m]
     real(wp), intent(out) :: gradient(ndim, 2**ndim)
     real(wp) :: factor
-    integer :: corner, d, e
+    integer :: corner, d, e, f
 
     do corner = 1, 2**ndim
       do d = 1, ndim
@@ -191,9 +195,11 @@ contains
           if (e /= d) factor = factor*merge(centroid(e), 1.0_wp - centroid(e), &
                                             btest(corner - 1, e - 1))
         end do
-        ! in 3-D the gradient along y contains the product of x and z
-        if (ndim == 3 .and. d == 2) factor = factor + covariance*sign_of(corner, 1)* &
-                                             sign_of(corner, ndim)
+        if (ndim == 3) then   ! the gradient contains the product of the other two
+          e = modulo(d, ndim) + 1
+          f = modulo(e, ndim) + 1
+          factor = factor + covariance(d)*sign_of(corner, e)*sign_of(corner, f)
+        end if
         gradient(d, corner) = sign_of(corner, d)*factor/spacing
       end do
     end do
@@ -246,7 +252,7 @@ contains
     integer :: a, b, k, column
 
     if (self%fitted) then
-      call hat_gradients(spread(0.5_wp, 1, ndim), 0.0_wp, grid%spacing, centre)
+      call hat_gradients(spread(0.5_wp, 1, ndim), spread(0.0_wp, 1, ndim), grid%spacing, centre)
     else
       centre = self%gradient(:, :, cell)
     end if
@@ -271,7 +277,7 @@ contains
     real(wp) :: centre(ndim, 2**ndim), slope(ndim, ndim)
     integer :: a, b, c, k
 
-    call hat_gradients(spread(0.5_wp, 1, ndim), 0.0_wp, grid%spacing, centre)
+    call hat_gradients(spread(0.5_wp, 1, ndim), spread(0.0_wp, 1, ndim), grid%spacing, centre)
     strain = 0.0_wp
     do c = 1, grid%n_cell
       if (.not. self%fitted) centre = self%gradient(:, :, c)
@@ -301,7 +307,7 @@ contains
     real(wp) :: centre(ndim, 2**ndim), load(ndim, ndim)
     integer :: a, b, c, k
 
-    call hat_gradients(spread(0.5_wp, 1, ndim), 0.0_wp, grid%spacing, centre)
+    call hat_gradients(spread(0.5_wp, 1, ndim), spread(0.0_wp, 1, ndim), grid%spacing, centre)
     do c = 1, grid%n_cell
       if (.not. share(c) > 0.0_wp) cycle
       if (.not. self%fitted) centre = self%gradient(:, :, c)

@@ -2,7 +2,9 @@
 !!
 !! A surface point qualifies when its normal is a coordinate direction and its plane holds grid
 !! nodes; the corner nodes of its cell on that plane, at most half a cell away, are then
-!! constrained. All other points are left to the penalty walls of `dosui_surface_forces`.
+!! constrained, and those further away that no other surface's points on the plane are beside: a
+!! face may end within a cell. All other points are left to the penalty walls of
+!! `dosui_surface_forces`.
 module dosui_nodal_conditions
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim
@@ -61,7 +63,7 @@ contains
     real(wp), intent(in) :: normal(ndim, n_point)     !! outward unit normals [-]
     logical, intent(in) :: handled(size(conditions), n_point)
     !! point belongs to the condition and the condition is imposed on nodes there
-    real(wp), allocatable :: mark(:, :)
+    real(wp), allocatable :: mark(:, :), beside(:, :), own(:, :)
     integer :: c, p, direction, k
 
     if (allocated(self%node)) deallocate (self%node, self%direction, self%condition, &
@@ -69,16 +71,29 @@ contains
     allocate (self%node(0), self%direction(0), self%condition(0), self%outward(0), self%plate(0))
     self%n_constraint = 0
     self%plate_condition = pack([(c, c=1, size(conditions))], conditions%kind == 'plate')
-    allocate (mark(ndim, grid%n_node))
+    allocate (mark(ndim, grid%n_node), beside(ndim, grid%n_node), own(ndim, grid%n_node))
+    beside = 0.0_wp
+    do p = 1, n_point
+      if (cell(p) == 0) cycle
+      if (.not. point_on_grid_plane(position(:, p), normal(:, p), grid%origin, grid%spacing)) cycle
+      call mark_nodes(grid, cell(p), position(:, p), normal(:, p), 1.0_wp, beside)
+    end do
+    call grid%node_map%scatter_add(comm, ndim, beside)
+    call grid%node_map%gather(comm, ndim, beside)
     do c = 1, size(conditions)
       if (conditions(c)%kind == 'traction' .or. conditions(c)%kind == 'pressure') cycle
       mark = 0.0_wp
+      own = 0.0_wp
       do p = 1, n_point
         if (.not. handled(c, p) .or. cell(p) == 0) cycle
-        call mark_nodes(grid, cell(p), position(:, p), normal(:, p), mark)
+        call mark_nodes(grid, cell(p), position(:, p), normal(:, p), 0.5_wp, mark)
+        call mark_nodes(grid, cell(p), position(:, p), normal(:, p), 1.0_wp, own)
       end do
       call grid%node_map%scatter_add(comm, ndim, mark)
       call grid%node_map%gather(comm, ndim, mark)
+      call grid%node_map%scatter_add(comm, ndim, own)
+      call grid%node_map%gather(comm, ndim, own)
+      where (abs(own - beside) < 0.5_wp) mark = own
       do direction = 1, ndim
         call add_constraints(self, conditions(c), c, direction, &
                              pack([(k, k=1, grid%n_node)], abs(mark(direction, :)) > 0.5_wp), mark)
@@ -86,12 +101,13 @@ contains
     end do
   end subroutine nodal_conditions_init
 
-  subroutine mark_nodes(grid, cell, position, normal, mark)
-    !! Marks the nodes of a cell that lie on a surface point's plane, within half a cell of it.
+  subroutine mark_nodes(grid, cell, position, normal, reach, mark)
+    !! Marks the nodes of a cell that lie on a surface point's plane, within a reach of it.
     type(grid_t), intent(in) :: grid
     integer, intent(in) :: cell
     real(wp), intent(in) :: position(ndim)
     real(wp), intent(in) :: normal(ndim)
+    real(wp), intent(in) :: reach           !! in cells [-]
     real(wp), intent(inout) :: mark(:, :)   !! sign of the normal, summed over points
     real(wp) :: distance(ndim)
     integer :: corner, node, direction
@@ -101,7 +117,7 @@ contains
       node = grid%cell_node(corner, cell)
       distance = abs((position - grid%origin)/grid%spacing - real(grid%node_index(:, node), wp))
       if (distance(direction) > plane_tolerance) cycle
-      if (any(distance > 0.5_wp + plane_tolerance)) cycle
+      if (any(distance > reach + plane_tolerance)) cycle
       mark(direction, node) = mark(direction, node) + sign(1.0_wp, normal(direction))
     end do
   end subroutine mark_nodes

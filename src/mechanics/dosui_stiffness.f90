@@ -189,7 +189,7 @@ contains
       do d = 1, ndim
         place(d) = 0.5_wp + merge(0.5_wp, -0.5_wp, btest(g - 1, d - 1))/sqrt(3.0_wp)
       end do
-      call hat_gradients(place, 0.0_wp, spacing, gradient)
+      call hat_gradients(place, spread(0.0_wp, 1, ndim), spacing, gradient)
       do i = 1, 2**ndim
         do a = 1, ndim
           do b = 1, ndim

@@ -1,8 +1,9 @@
-!! Points on the true surface of the body: the outer faces of all regions in equal pieces.
+!! Points on the true surface of the body: the outer faces of all regions in pieces.
 module dosui_boundary_points
   use dosui_kinds, only: wp, i8
   use dosui_dimension, only: ndim
   use dosui_communicator, only: communicator_t
+  use dosui_face_pieces, only: face_piece, piece_count
   use dosui_particle_fields, only: surface_handles_t
   use dosui_point_set, only: point_set_t
   use dosui_scene, only: scene_t
@@ -60,35 +61,24 @@ contains
     type(surface_handles_t), intent(in) :: handles
     logical, intent(inout) :: touched(:)
     integer(i8) :: total, k, first, last
-    integer :: n(max(ndim - 1, 1)), e, i, s
-    real(wp) :: spacing, x(ndim), area
-    integer(i8) :: rest
+    integer :: i, s
+    real(wp) :: spacing, x(ndim), normal(ndim), area
 
     spacing = region_spacing(scene, scene%region(r))
-    n = 1
-    area = 1.0_wp
-    do e = 1, size(n)   ! in 1-D the only edge has no length
-      n(e) = max(1, nint(norm2(face%edge(:, e))/spacing))
-      if (ndim > 1) area = area*norm2(face%edge(:, e))/real(n(e), wp)
-    end do
-    total = product(int(n, i8))
+    total = piece_count(face, spacing)
     first = total*comm%rank/comm%size + 1_i8
     last = total*(comm%rank + 1_i8)/comm%size
     do k = first, last
-      x = face%corner
-      rest = k - 1_i8
-      do e = 1, size(n)
-        x = x + face%edge(:, e)*(real(mod(rest, int(n(e), i8)), wp) + 0.5_wp)/real(n(e), wp)
-        rest = rest/n(e)
-      end do
-      if (is_interior(scene, r, x + probe_depth*spacing*face%normal)) cycle
+      call face_piece(face, spacing, k, x, normal, area)
+      if (.not. area > 0.0_wp) cycle
+      if (is_interior(scene, r, x + probe_depth*spacing*normal)) cycle
       s = surface_of(scene, r, face, x)
       if (s > 0) touched(s) = .true.
       i = points%count + 1
       call points%resize(i)
       points%id(i) = id + k
       points%field(handles%position)%values(:, i) = x
-      points%field(handles%normal)%values(:, i) = face%normal
+      points%field(handles%normal)%values(:, i) = normal
       points%field(handles%area)%values(1, i) = area
       points%field(handles%surface)%values(1, i) = real(s, wp)
       points%field(handles%patch)%values(1, i) = real(first_patch + s, wp)

@@ -10,12 +10,20 @@ from typing import ClassVar
 import numpy as np
 
 from dosui_post.errors import DosuiPostError
-from dosui_post.exact import BarVibration, Drainage, Hydrostatic, Mandel, Soil, Terzaghi
+from dosui_post.exact import (
+    BarVibration,
+    Drainage,
+    Hydrostatic,
+    Mandel,
+    RadialConsolidation,
+    Soil,
+    Terzaghi,
+)
 from dosui_post.namelist import Group
 from dosui_post.result import FloatArray, Result, Scene, to_xyz
 from dosui_post.units import si
 
-CASES = ("terzaghi", "mandel", "hydrostatic", "bar", "drainage")
+CASES = ("terzaghi", "mandel", "cryer", "de_leeuw", "hydrostatic", "bar", "drainage")
 
 
 @dataclass(frozen=True)
@@ -160,7 +168,62 @@ class MandelCase(Case):
         ]
 
 
-ConsolidationCase = ColumnCase | MandelCase
+@dataclass
+class RadialCase(Case):
+    """Cryer's sphere or de Leeuw's cylinder about an axis along y."""
+
+    geometry: Geometry
+    solution: RadialConsolidation
+    tolerance = 2.0e-2
+
+    @property
+    def title(self) -> str:  # type: ignore[override]
+        """Name of the problem."""
+        return "Cryer's sphere" if self.solution.dimension == 3 else "de Leeuw's cylinder"
+
+    def time_factor(self, time: float) -> float:
+        """T = c_v t/a²."""
+        return self.solution.time_factor(time)
+
+    @property
+    def centre(self) -> FloatArray:
+        """The drained surface's centre (3) [m]."""
+        return self.geometry.drained + self.geometry.length * self.geometry.direction
+
+    def abscissa(self, points: FloatArray) -> FloatArray:
+        """Distance of points (n, 3) from the centre [m]."""
+        return np.asarray(np.linalg.norm(points - self.centre, axis=1))
+
+    def pressure(self, points: FloatArray, time: float) -> FloatArray:
+        """Exact excess pore pressure [Pa]."""
+        return self.solution.pressure(self.abscissa(points), time)
+
+    def displacement(self, points: FloatArray, time: float) -> FloatArray:
+        """Exact displacement (n, 3) [m]."""
+        arm = points - self.centre
+        radius = self.abscissa(points)
+        outwards = self.solution.displacement(radius, time) / np.maximum(radius, 1.0e-300)
+        return arm * outwards[:, np.newaxis]
+
+    def settlement(self, time: float) -> float | None:
+        """None: the surface does not settle evenly."""
+        return None
+
+    @property
+    def initial_pressure(self) -> float:
+        """Exact undrained pore pressure [Pa]."""
+        return self.solution.initial_pressure
+
+    def constants(self) -> list[str]:
+        """Soil, load and radius."""
+        return [
+            *_soil_text(self.solution.soil),
+            f"q = {si(self.solution.load, 'Pa')}",
+            f"a = {si(self.geometry.length, 'm')}",
+        ]
+
+
+ConsolidationCase = ColumnCase | MandelCase | RadialCase
 
 
 @dataclass
@@ -229,7 +292,7 @@ def case_of(result: Result) -> Case:
 def consolidation_of(result: Result) -> ConsolidationCase:
     """The same, if it is one with excess pore pressure."""
     case = case_of(result)
-    if not isinstance(case, ColumnCase | MandelCase):
+    if not isinstance(case, ColumnCase | MandelCase | RadialCase):
         raise DosuiPostError(f"{result.path}: '{case.title}' has no excess pore pressure to draw")
     return case
 
@@ -274,6 +337,10 @@ def _build(scene: Scene) -> Case:
     if name == "mandel":
         load = _load(verification)
         return MandelCase(geometry, Mandel(soil, load, geometry.length), _plate_height(scene))
+    if name in ("cryer", "de_leeuw"):
+        dimension = 3 if name == "cryer" else 2
+        load = _load(verification)
+        return RadialCase(geometry, RadialConsolidation(soil, load, geometry.length, dimension))
     if name == "drainage":
         pressure = _initial_pressure(scene, verification)
         return DrainageCase(geometry, Drainage(soil, pressure, geometry.length))

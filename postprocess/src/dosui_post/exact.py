@@ -10,6 +10,10 @@ Sources
 * J. Mandel (1953), Consolidation des sols (étude mathématique). Géotechnique 3(7).
 * Y. Abousleiman, A. H.-D. Cheng, L. Cui, E. Detournay, J.-C. Roegiers (1996), Mandel's problem
   revisited. Géotechnique 46(2), eqs. 11-17.
+* C. W. Cryer (1963), A comparison of the three-dimensional consolidation theories of Biot and
+  Terzaghi. Quart. J. Mech. Appl. Math. 16(4).
+* G. de Leeuw (1965), The theory of three-dimensional consolidation applied to cylindrical bodies.
+  Proc. 6th ICSMFE I.
 * A. Verruijt (2016), Theory and Problems of Poroelasticity, ch. 2 and 3 (finite K_w).
 """
 
@@ -21,6 +25,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy import special
 
 from dosui_post.errors import DosuiPostError
 
@@ -284,6 +289,137 @@ class Mandel:
         sign = np.where(np.arange(count) % 2 == 0, 1.0, -1.0)
         sine, cosine = sign * np.cos(gap), sign * np.sin(gap)
         return alpha, sine, cosine, np.exp(-(alpha**2) * factor) / (alpha - sine * cosine)
+
+
+@dataclass(frozen=True)
+class RadialConsolidation:
+    """Cryer's sphere and de Leeuw's cylinder: drained surface r = a under a pressure q from t = 0.
+
+    Equilibrium gives M ε = u + f(t) for the volume strain ε, and the radial stress at r = a ties f
+    to the means: f = (g ū - q)/(1 - g) with g = 2G(d-1)/(dM) in d dimensions. The water's balance
+    is then a diffusion equation with a source,
+
+        ∂u/∂t + β ∂ū/∂t = c_v ∇²u,   β = g/((1 - g)(1 + S M)),
+
+    whose modes are φ = J(λ r/a) - J(λ), (1 + β) J(λ) = β J̄(λ), with J = J_0 for the cylinder,
+    sin x/x for the sphere and J̄ the mean of J(λ r/a) over the body.
+    """
+
+    soil: Soil
+    load: float
+    """q [Pa]"""
+    radius: float
+    """a [m]"""
+    dimension: int
+    """2: cylinder in plane strain, 3: sphere"""
+
+    @property
+    def initial_pressure(self) -> float:
+        """Undrained pore pressure u_0 = q/(1 + S K_d) with K_d = M (1 - g) [Pa]."""
+        stiffness = self.soil.constrained_modulus * (1 - self._share)
+        return self.load / (1 + self.soil.storage * stiffness)
+
+    def time_factor(self, time: float) -> float:
+        """T = c_v t/a² [-]."""
+        return self.soil.consolidation_coefficient * time / self.radius**2
+
+    def time(self, time_factor: float) -> float:
+        """T = T a²/c_v [s]."""
+        return time_factor * self.radius**2 / self.soil.consolidation_coefficient
+
+    def pressure(self, r: npt.ArrayLike, time: float) -> FloatArray:
+        """Excess pore pressure u_0 Σ A_i φ_i exp(-λ_i² T), r from the centre [Pa]."""
+        position = np.asarray(r, dtype=np.float64) / self.radius
+        factor = self.time_factor(time)
+        if factor < _EARLIEST_TIME_FACTOR:
+            return self.initial_pressure * (position < 1).astype(np.float64)
+        roots, weight = self._modes(factor)
+        boundary = float(np.sum(weight * self._wave(roots)))
+        return self.initial_pressure * (_series(position, roots, weight, self._wave) - boundary)
+
+    def mean_pressure(self, time: float) -> float:
+        """Mean excess pore pressure of the body [Pa]."""
+        factor = self.time_factor(time)
+        if factor < _EARLIEST_TIME_FACTOR:
+            return self.initial_pressure
+        roots, weight = self._modes(factor)
+        return self.initial_pressure * float(
+            np.sum(weight * (self._mean_wave(roots) - self._wave(roots)))
+        )
+
+    def displacement(self, r: npt.ArrayLike, time: float) -> FloatArray:
+        """Radial displacement, positive outwards: r^(1-d) ∫ ε r^(d-1) dr [m]."""
+        r = np.asarray(r, dtype=np.float64)
+        position = r / self.radius
+        modulus, share, d = self.soil.constrained_modulus, self._share, self.dimension
+        source = (share * self.mean_pressure(time) - self.load) / (1 - share)
+        inside = self.initial_pressure * np.ones_like(position)
+        factor = self.time_factor(time)
+        if factor >= _EARLIEST_TIME_FACTOR:
+            roots, weight = self._modes(factor)
+            boundary = float(np.sum(weight * self._wave(roots)))
+            inside = self.initial_pressure * (
+                _series(position, roots, weight, self._mean_wave) - boundary
+            )
+        return np.asarray((inside + source) * r / (d * modulus))
+
+    def roots(self, count: int) -> FloatArray:
+        """The first positive roots of (1 + β) J(λ) = β J̄(λ)."""
+        # Sampled finely enough to part them: they lie about π apart.
+        step = 0.05
+        grid = np.arange(0.5 * step, (count + 2) * math.pi, step)
+        value = self._characteristic(grid)
+        change = np.nonzero(value[:-1] * value[1:] < 0)[0][:count]
+        low, high = grid[change], grid[change + 1]
+        low_value = value[change]
+        for _ in range(60):
+            middle = 0.5 * (low + high)
+            middle_value = self._characteristic(middle)
+            is_low = middle_value * low_value > 0
+            low = np.where(is_low, middle, low)
+            high = np.where(is_low, high, middle)
+        return np.asarray(0.5 * (low + high))
+
+    @property
+    def _share(self) -> float:
+        """G = 2G(d-1)/(dM) [-]."""
+        d = self.dimension
+        return 2 * self.soil.shear_modulus * (d - 1) / (d * self.soil.constrained_modulus)
+
+    @property
+    def _source_ratio(self) -> float:
+        """β [-]."""
+        stored = 1 + self.soil.storage * self.soil.constrained_modulus
+        return self._share / ((1 - self._share) * stored)
+
+    def _characteristic(self, x: FloatArray) -> FloatArray:
+        beta = self._source_ratio
+        return (1 + beta) * self._wave(x) - beta * self._mean_wave(x)
+
+    def _wave(self, x: FloatArray) -> FloatArray:
+        """J."""
+        if self.dimension == 3:
+            return np.asarray(np.sinc(x / math.pi))
+        return np.asarray(special.j0(x))
+
+    def _mean_wave(self, x: FloatArray) -> FloatArray:
+        """Mean of J over a cylinder or sphere of radius x; x = 0 gives 1."""
+        near = np.abs(x) < 1.0e-2
+        safe = np.where(near, 1.0, x)
+        if self.dimension == 3:
+            far = 3 * (np.sin(safe) - safe * np.cos(safe)) / safe**3
+            return np.asarray(np.where(near, 1 - x**2 / 10, far))
+        return np.asarray(np.where(near, 1 - x**2 / 8, 2 * special.j1(safe) / safe))
+
+    def _modes(self, factor: float) -> tuple[FloatArray, FloatArray]:
+        """λ_i, and A_i exp(-λ_i² T): the projection of a uniform initial pressure."""
+        x = self.roots(_n_terms(factor) + 1)
+        wave, mean = self._wave(x), self._mean_wave(x)
+        if self.dimension == 3:
+            square = 1.5 * (1 - np.sin(2 * x) / (2 * x)) / x**2
+        else:
+            square = wave**2 + special.j1(x) ** 2
+        return x, mean / (square - wave * mean) * np.exp(-(x**2) * factor)
 
 
 @dataclass(frozen=True)

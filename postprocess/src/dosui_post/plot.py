@@ -21,6 +21,7 @@ from dosui_post.case import (
     ConsolidationCase,
     DrainageCase,
     MandelCase,
+    RadialCase,
     consolidation_of,
     probe_column,
     settlement_history,
@@ -176,8 +177,10 @@ def _is_early(curves: Sequence[FloatArray]) -> bool:
 
 
 def mandel(results: Sequence[Result], output: Path) -> Path:
-    """History of the pore pressure in the centre of Mandel's problem, all results in one figure."""
+    """History of the pore pressure in the centre: Mandel's, Cryer's or de Leeuw's problem."""
     cases = [_mandel_of(result) for result in results]
+    if len({case.title for case in cases}) > 1:
+        raise DosuiPostError("one figure takes results of one problem")
     order = sorted(range(len(cases)), key=lambda i: cases[i].solution.soil.poisson_ratio)
     with house_style():
         figure, axes = new_figure(6.6, 4.7)
@@ -210,15 +213,17 @@ def mandel(results: Sequence[Result], output: Path) -> Path:
         axes.set_xlabel("time factor  $T = c_v t/a^2$  [–]")
         axes.set_ylabel("pore pressure in the centre  $u/u_0$  [–]")
         _legend(axes, "lower left", first=lines if len(results) > 1 else [])
-        heading = "Mandel's problem: pressure in the centre"
+        heading = f"{cases[0].title}: pressure in the centre"
         caption(figure, heading, _common_constants(cases, results))
         return save(figure, output)
 
 
-def _mandel_of(result: Result) -> MandelCase:
+def _mandel_of(result: Result) -> MandelCase | RadialCase:
     case = consolidation_of(result)
-    if not isinstance(case, MandelCase):
-        raise DosuiPostError(f"{result.path} is no result of Mandel's problem: '{case.title}'")
+    if not isinstance(case, MandelCase | RadialCase):
+        raise DosuiPostError(
+            f"{result.path} is no result of Mandel's, Cryer's or de Leeuw's problem: '{case.title}'"
+        )
     return case
 
 
@@ -226,7 +231,9 @@ def _last_factor(result: Result, case: ConsolidationCase) -> float:
     return case.time_factor(float(result.times[-1]))
 
 
-def _centre_pressure(result: Result, case: MandelCase) -> tuple[FloatArray, FloatArray]:
+def _centre_pressure(
+    result: Result, case: MandelCase | RadialCase
+) -> tuple[FloatArray, FloatArray]:
     """Times [s] and pressure [Pa]: of the point probe in the centre, else of particles near it."""
     best, nearest = None, 0.05 * case.geometry.length
     for probe in result.scene.all("probe"):
@@ -256,6 +263,8 @@ def settlement(results: Sequence[Result], output: Path) -> Path:
     cases = [consolidation_of(result) for result in results]
     if any(isinstance(case, DrainageCase) for case in cases):
         raise DosuiPostError("a rigid column does not settle")
+    if any(isinstance(case, RadialCase) for case in cases):
+        raise DosuiPostError("a cylinder or sphere does not settle evenly")
     if len({type(case) for case in cases}) > 1:
         raise DosuiPostError("one figure takes settlements of one kind: Terzaghi's or Mandel's")
     with house_style():
@@ -325,6 +334,7 @@ def _exact_settlement(case: ConsolidationCase, place: float | None, time: float)
         return exact
     if isinstance(case, ColumnCase):
         return float(case.solution.displacement(place, time))
+    assert isinstance(case, MandelCase)
     return case.solution.settlement(place, time)
 
 

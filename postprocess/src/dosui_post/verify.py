@@ -14,6 +14,7 @@ from dosui_post.case import (
     ColumnCase,
     HydrostaticCase,
     MandelCase,
+    RadialCase,
     case_of,
     settlement_history,
 )
@@ -139,7 +140,7 @@ def _comparison(case: Case) -> tuple[_Comparison, str]:
 
 
 def _compare_consolidation(case: Case, result: Result, index: int) -> StepError:
-    assert isinstance(case, ColumnCase | MandelCase)
+    assert isinstance(case, ColumnCase | MandelCase | RadialCase)
     time = float(result.times[index])
     points = result.reference_points(index)
     weight = _weight(result, index)
@@ -165,7 +166,9 @@ def _compare_consolidation(case: Case, result: Result, index: int) -> StepError:
     )
 
 
-def _settlement_error(case: ColumnCase | MandelCase, result: Result, time: float) -> float | None:
+def _settlement_error(
+    case: ColumnCase | MandelCase | RadialCase, result: Result, time: float
+) -> float | None:
     exact = case.settlement(time)
     history = settlement_history(result)
     if exact is None or history is None:

@@ -1,0 +1,189 @@
+!! Pieces of about equal area that faces of regions are divided into.
+!!
+!! A planar face is divided along its edges, a circle in equal angles, a sphere in rings of equal
+!! width about z and these in equal angles. Numbers of angles are multiples of 4, of rings of 2, so
+!! that halves, quarters and eighths consist of whole pieces; others are cut to their inner part.
+module dosui_face_pieces
+  use dosui_kinds, only: wp, i8
+  use dosui_dimension, only: ndim
+  use dosui_shapes, only: face_t, turned
+  implicit none
+  private
+
+  public :: piece_count, face_piece
+
+  integer, parameter :: samples = 16             !! of a piece that may be cut, per direction
+  real(wp), parameter :: pi = acos(-1.0_wp)
+
+contains
+
+  pure integer(i8) function piece_count(face, spacing) result(count)
+    !! Number of pieces of a face, those outside its cuts included.
+    type(face_t), intent(in) :: face
+    real(wp), intent(in) :: spacing   !! wanted length of a piece [m]
+    integer :: ring, n_ring
+
+    if (face%name /= 'round') then
+      count = product(int(divisions(face, spacing), i8))
+    else
+      n_ring = rings(face, spacing)
+      count = 0_i8
+      do ring = 1, n_ring
+        count = count + angles(face, spacing, ring, n_ring)
+      end do
+    end if
+  end function piece_count
+
+  pure subroutine face_piece(face, spacing, number, position, normal, area)
+    !! Middle, outward normal and area of one piece; area 0 if it lies outside the face's cuts.
+    type(face_t), intent(in) :: face
+    real(wp), intent(in) :: spacing                  !! as in `piece_count` [m]
+    integer(i8), intent(in) :: number                !! from 1
+    real(wp), intent(out) :: position(ndim)          !! [m]
+    real(wp), intent(out) :: normal(ndim)            !! [-]
+    real(wp), intent(out) :: area                    !! [m2, m in 2-D, 1 in 1-D]
+    real(wp) :: first(2), last(2), share(2), x(ndim), inner(ndim)
+    integer :: u, v, n_inside, n_sample(2)
+
+    call piece_parameters(face, spacing, number, first, last, area)
+    normal = face%normal
+    position = face_point(face, 0.5_wp*(first + last))
+    if (.not. face%radius < huge(1.0_wp)) return
+    n_sample = merge(samples, 1, [1, 2] < ndim)
+    n_inside = 0
+    inner = 0.0_wp
+    do v = 1, n_sample(2)
+      do u = 1, n_sample(1)
+        share = (real([u, v], wp) - 0.5_wp)/real(n_sample, wp)
+        x = face_point(face, first + share*(last - first))
+        if (.not. within_cuts(face, x)) cycle
+        n_inside = n_inside + 1
+        inner = inner + x
+      end do
+    end do
+    area = area*real(n_inside, wp)/real(product(n_sample), wp)
+    if (n_inside == 0) return
+    if (face%name /= 'round') then
+      if (n_inside < product(n_sample)) position = inner/real(n_inside, wp)
+    else
+      normal = inner/real(n_inside, wp) - face%centre
+      normal = normal/norm2(normal)
+      position = face%centre + face%radius*normal
+    end if
+  end subroutine face_piece
+
+  pure function divisions(face, spacing) result(n)
+    !! Pieces of a planar face along each of its edges.
+    type(face_t), intent(in) :: face
+    real(wp), intent(in) :: spacing
+    integer :: n(max(ndim - 1, 1)), e
+
+    n = 1
+    do e = 1, size(n)   ! in 1-D the only edge has no length
+      n(e) = max(1, nint(norm2(face%edge(:, e))/spacing))
+    end do
+  end function divisions
+
+  pure integer function rings(face, spacing) result(n)
+    !! Of a sphere; a circle is one ring.
+    type(face_t), intent(in) :: face
+    real(wp), intent(in) :: spacing
+
+    n = 1
+    if (ndim == 3) n = 2*max(1, nint(0.5_wp*pi*face%radius/spacing))
+  end function rings
+
+  pure integer function angles(face, spacing, ring, n_ring) result(n)
+    !! Pieces of one ring.
+    type(face_t), intent(in) :: face
+    real(wp), intent(in) :: spacing
+    integer, intent(in) :: ring, n_ring
+    real(wp) :: length
+
+    length = 2.0_wp*pi*face%radius
+    if (ndim == 3) length = length*sin(pi*(real(ring, wp) - 0.5_wp)/real(n_ring, wp))
+    n = 4*max(1, nint(0.25_wp*length/spacing))
+  end function angles
+
+  pure subroutine piece_parameters(face, spacing, number, first, last, area)
+    !! A piece as a rectangle of the face's parameters, and its whole area.
+    type(face_t), intent(in) :: face
+    real(wp), intent(in) :: spacing
+    integer(i8), intent(in) :: number
+    real(wp), intent(out) :: first(2), last(2)   !! see `face_point`
+    real(wp), intent(out) :: area                !! [m2]
+    integer(i8) :: rest
+    integer :: n(max(ndim - 1, 1)), e, ring, n_ring, n_angle
+
+    first = 0.0_wp
+    last = 1.0_wp
+    rest = number - 1_i8
+    if (face%name /= 'round') then
+      n = divisions(face, spacing)
+      area = 1.0_wp
+      do e = 1, size(n)
+        first(e) = real(mod(rest, int(n(e), i8)), wp)/real(n(e), wp)
+        last(e) = (real(mod(rest, int(n(e), i8)), wp) + 1.0_wp)/real(n(e), wp)
+        rest = rest/n(e)
+        if (ndim > 1) area = area*norm2(face%edge(:, e))/real(n(e), wp)
+      end do
+      return
+    end if
+    n_ring = rings(face, spacing)
+    do ring = 1, n_ring
+      n_angle = angles(face, spacing, ring, n_ring)
+      if (rest < n_angle) exit
+      rest = rest - n_angle
+    end do
+    first(1) = 2.0_wp*pi*real(rest, wp)/real(n_angle, wp)
+    last(1) = 2.0_wp*pi*real(rest + 1, wp)/real(n_angle, wp)
+    area = face%radius*(last(1) - first(1))
+    if (ndim < 3) return
+    first(2) = cos(pi*real(ring, wp)/real(n_ring, wp))
+    last(2) = cos(pi*real(ring - 1, wp)/real(n_ring, wp))
+    area = area*face%radius*(last(2) - first(2))
+  end subroutine piece_parameters
+
+  pure function face_point(face, parameter) result(position)
+    !! A place on a face: fractions of its edges; angle about y or z, and cosine of the angle to z,
+    !! both uniform in area [m].
+    type(face_t), intent(in) :: face
+    real(wp), intent(in) :: parameter(2)
+    real(wp) :: position(ndim), level
+    integer, parameter :: across = min(ndim, 2)   ! y in 3-D
+    integer :: e
+
+    if (face%name /= 'round') then
+      position = face%corner
+      do e = 1, size(face%edge, 2)
+        position = position + face%edge(:, e)*parameter(e)
+      end do
+    else
+      position = face%centre
+      level = sin(parameter(1))
+      if (ndim == 3) then
+        level = parameter(2)
+        position(across) = position(across) + &
+                           face%radius*sqrt(1.0_wp - level**2)*sin(parameter(1))
+        position(1) = position(1) + face%radius*sqrt(1.0_wp - level**2)*cos(parameter(1))
+      else
+        position(1) = position(1) + face%radius*cos(parameter(1))
+      end if
+      position(ndim) = position(ndim) + face%radius*level
+    end if
+  end function face_point
+
+  pure logical function within_cuts(face, position)
+    !! Is a place of a planar face within its circle, one of a round face between its planes?
+    type(face_t), intent(in) :: face
+    real(wp), intent(in) :: position(ndim)
+    real(wp) :: local(ndim)
+
+    if (face%name /= 'round') then
+      within_cuts = norm2(position - face%centre) <= face%radius
+    else
+      local = turned(position - face%centre, -face%angle)
+      within_cuts = all(local >= face%low .and. local <= face%high)
+    end if
+  end function within_cuts
+end module dosui_face_pieces

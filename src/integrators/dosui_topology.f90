@@ -26,11 +26,6 @@ module dosui_topology
   real(wp), parameter :: inward = 1.0e-3_wp          !! surface points lie in the cell inside [h]
   real(wp), parameter :: imbalance_limit = 1.2_wp    !! repartition above this
   integer(i8), parameter :: bricks_per_rank = 64_i8  !! aimed at
-  ! Cut cells that stand alone: lighter ones would limit explicit steps; an implicit solution has
-  ! them nearly all, since those that join a neighbour cost accuracy (displacements of a sphere of
-  ! 5 cells: 0.8 % for 0.05, 5 % for 0.3).
-  real(wp), parameter :: light_part = 0.3_wp         !! least part of a cell, in steps with inertia
-  real(wp), parameter :: massless_part = 0.05_wp     !! in quasi-static steps
 
 contains
 
@@ -367,15 +362,11 @@ contains
     integer, intent(in) :: handle, surface_handle   !! positions
     integer, intent(in) :: cell(:)                  !! of the particles there
     logical, allocatable :: cuts(:)
-    real(wp) :: least_part
     integer :: p, n
 
     n = model%particles%count
     if (.not. model%updated) then
-      least_part = light_part
-      if (model%integrator == 'quasi_static') least_part = massless_part
-      call model%quadrature%init_from_shapes(model%comm, model%grid, model%scene%region, n, cell, &
-                                             least_part)
+      call model%quadrature%init_from_shapes(model%comm, model%grid, model%scene%region, n, cell)
       model%cell = model%quadrature%host(model%cell)
       do p = 1, model%surface%count
         if (model%surface_cell(p) > 0) model%surface_cell(p) = &

@@ -130,10 +130,12 @@ contains
       return
     end if
     n_ring = rings(face, spacing)
-    do ring = 1, n_ring
-      n_angle = angles(face, spacing, ring, n_ring)
-      if (rest < n_angle) exit
+    ring = 1
+    n_angle = angles(face, spacing, ring, n_ring)
+    do while (rest >= n_angle .and. ring < n_ring)
       rest = rest - n_angle
+      ring = ring + 1
+      n_angle = angles(face, spacing, ring, n_ring)
     end do
     first(1) = 2.0_wp*pi*real(rest, wp)/real(n_angle, wp)
     last(1) = 2.0_wp*pi*real(rest + 1, wp)/real(n_angle, wp)

@@ -421,10 +421,12 @@ contains
       allocate (faces(0))
       associate (region => scene%region(r))
         do k = 1, ndim
-          if (region%cut_min(k) > region%centre(k) - region%radius) &
+          if (region%cut_min(k) > region%centre(k) - region%radius) then
             faces = [character(len=name_length) :: faces, axes(merge(3, k, k == ndim))//'-']
-          if (region%cut_max(k) < region%centre(k) + region%radius) &
+          end if
+          if (region%cut_max(k) < region%centre(k) + region%radius) then
             faces = [character(len=name_length) :: faces, axes(merge(3, k, k == ndim))//'+']
+          end if
         end do
       end associate
       faces = [character(len=name_length) :: faces, 'round', 'all']

@@ -113,7 +113,7 @@ def test_animation(folder: Path, tmp_path: Path, options: list[str]) -> None:
     ("arguments", "message"),
     [
         ("plot isochrones mandel_0.2.vtkhdf", "isochrones belong to"),
-        ("plot mandel terzaghi.vtkhdf", "no result of Mandel's problem"),
+        ("plot mandel terzaghi.vtkhdf", "no result of Mandel's, Cryer's or de Leeuw's problem"),
         ("plot settlement drainage.vtkhdf", "does not settle"),
         ("plot settlement terzaghi.vtkhdf mandel_0.2.vtkhdf", "of one kind"),
         ("plot map terzaghi.vtkhdf --field temperature", "no field 'temperature'"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "postprocess" / "src"))
 # containers run as root, and have fewer cores than some tests have ranks
 for variable, value in {
     "OMPI_ALLOW_RUN_AS_ROOT": "1",

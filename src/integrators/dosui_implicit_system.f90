@@ -41,7 +41,7 @@ module dosui_implicit_system
     real(wp) :: pressure = 1.0_wp    !! unit of pressures [Pa]
     real(wp) :: force = 1.0_wp       !! unit of nodal forces [N]
     real(wp) :: volume = 1.0_wp      !! unit of water volumes [m3]
-    real(wp) :: tolerance = 1.0e-8_wp   !! of linear solutions [-]
+    real(wp) :: tolerance = 1.0e-6_wp   !! of linear solutions [-]
     logical, private :: insists_on_direct = .false.   !! iterations have failed
     real(wp), allocatable, private :: storage(:)   !! entries of S
     real(wp), allocatable, private :: flow(:)      !! entries of -VL, after those of S

@@ -159,7 +159,7 @@ module dosui_scene
   type, public :: solver_t
     !! Linear solutions of implicit integrators.
     character(len=name_length) :: linear = 'auto'    !! 'direct', 'iterative' or 'auto'
-    real(wp) :: tolerance = 1.0e-8_wp                !! residual over right-hand side [-]
+    real(wp) :: tolerance = 1.0e-6_wp                !! residual over right-hand side [-]
   end type solver_t
 
   type, public :: output_t

@@ -18,7 +18,9 @@ import pytest
 from PIL import Image
 
 from dosui_post.cli import main
-from dosui_post.report import matrix, ogs
+from dosui_post.exact import Mandel
+from dosui_post.report import kratos, kratos_driver, matrix, ogs
+from dosui_post.report.elements import Mesh, step_ends
 from dosui_post.report.figure import efficient
 from dosui_post.report.matrix import full_matrix, quick_matrix, selected
 from dosui_post.report.scenes import PROBLEMS, TIME_FACTORS, scene_text
@@ -348,7 +350,6 @@ sys.path[:0] = ["{source}"]
 if "--version" in sys.argv:
     print("ogs  version: 6.9.9")
     sys.exit(0)
-from dosui_post.report.ogs import Mesh
 from dosui_post.report.scenes import PROBLEMS
 import numpy as np
 problem = PROBLEMS["terzaghi"]
@@ -386,14 +387,82 @@ def test_ogs_input() -> None:
     job = ogs.OgsJob(PROBLEMS["terzaghi"], 0.05, 16)
     files = job.files()
     assert all(ElementTree.fromstring(text) is not None for text in files.values())
-    ends = ogs.step_ends(job.problem, job.n)
+    ends = step_ends(job.problem, job.n)
     steps = np.diff([0.0, *ends])
     assert steps.min() > 0
     assert ends[-1] == pytest.approx(job.problem.times[-1])
     for time in job.problem.times:
         assert np.abs(np.array(ends) - time).min() <= 1e-9 * time
-    mesh = ogs.Mesh.of(job.problem, 0.05)
-    assert len(mesh.cells) == 100
-    assert len(mesh.points) == 6 * 21 + 5 * 21 + 6 * 20
+    mesh = Mesh.of(job.problem, 0.05)
+    assert len(mesh.cells) == 20
+    assert len(mesh.points) == 2 * 21 + 21 + 2 * 20
     middles = np.array([mesh.points[cell[4:]].mean(axis=0) for cell in mesh.cells])
     assert mesh.middles() == pytest.approx(middles)
+
+
+def test_ogs_plate_moves_as_in_the_exact_solution() -> None:
+    job = ogs.OgsJob(PROBLEMS["mandel-stiff"], 0.05, 16)
+    project = ElementTree.fromstring(job.files()["column.prj"])
+    curve = project.find("curves/curve")
+    assert curve is not None
+    times = [float(x) for x in (curve.findtext("coords") or "").split()]
+    values = [float(x) for x in (curve.findtext("values") or "").split()]
+    solution = job.problem.solution
+    assert isinstance(solution, Mandel)
+    assert values[-1] == pytest.approx(-solution.settlement(0.2, times[-1]), rel=1e-12)
+    assert len(times) == len(values) == len(step_ends(job.problem, job.n)) + 1
+
+
+# ---------------------------------------------------------------------- Kratos
+
+FAKE_KRATOS = """
+import json, sys
+sys.path[:0] = ["{source}"]
+if "--version" in sys.argv:
+    print('version: 10.9."8"--0-Release')
+    sys.exit(0)
+from dosui_post.report.scenes import PROBLEMS
+case = json.load(open("case.json"))
+problem = PROBLEMS["mandel" if case["plate"] else "terzaghi"]
+assert case["plate"] is None or len(case["plate"]) == len(case["ends"])
+pressures = dict()
+for time in case["outputs"]:
+    where = [x if case["plate"] else 1.0 - z for x, z in case["points"]]
+    pressures[repr(time)] = (1.01 * problem.solution.pressure(where, time)).tolist()
+json.dump(dict(loop=0.0, pressures=pressures), open("result.json", "w"))
+"""
+
+
+def test_kratos(fake: Fake, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    driver = tmp_path / "driver.py"
+    driver.write_text(FAKE_KRATOS.format(source=str(HERE.parent / "src")))
+    monkeypatch.setattr(kratos, "DRIVER", driver)
+    only = "^(terzaghi|mandel): (explicit|Kratos.*), dx = 0.0(5|2) m"
+    assert fake.report("--only", only, "--kratos", sys.executable) == 0
+    rows = [row for row in fake.table() if row["method"] == kratos.METHOD]
+    assert [row["state"] for row in rows] == ["done"] * 4
+    assert all(5e-3 < float(row["largest_error"]) < 2e-2 for row in rows)
+    assert f"*{kratos.METHOD}* (Kratos GeoMechanics 10.9.8): the same elements" in fake.page()
+
+
+def test_kratos_is_not_there(fake: Fake, capsys: pytest.CaptureFixture[str]) -> None:
+    only = ("--only", "mandel: explicit, dx = 0.04")
+    assert fake.report(*only, "--kratos", sys.executable) != 0
+    assert "has no Kratos" in capsys.readouterr().err
+
+
+def test_kratos_input() -> None:
+    """What the driver makes of a case, as far as it needs no Kratos."""
+    case = json.loads(kratos.KratosJob(PROBLEMS["terzaghi"], 0.05, 16).case())
+    mesh = kratos_driver.mesh_text(case)
+    assert mesh.count("Begin SubModelPart ") == 5
+    assert "LineLoadDiffOrderCondition2D3N" in mesh
+    values = kratos_driver.parameters(case)
+    (load,) = values["processes"]["loads_process_list"]
+    assert load["Parameters"]["value"] == [0.0, -1000.0, 0.0]
+    assert not any(load["Parameters"]["is_fixed"])
+    assert values["solver_settings"]["newmark_theta"] == 0.5
+    case = json.loads(kratos.KratosJob(PROBLEMS["mandel"], 0.02, 16).case())
+    assert kratos_driver.parameters(case)["processes"]["loads_process_list"] == []
+    (material,) = kratos_driver.materials(case)["properties"]
+    assert material["Material"]["Variables"]["BULK_MODULUS_FLUID"] == 3.0e6

@@ -134,6 +134,7 @@ def _report(options: argparse.Namespace) -> int:
             mpirun=tuple(shlex.split(options.mpirun)),
             page=options.page,
             ogs=options.ogs,
+            kratos=options.kratos,
             command=shlex.join(["dosui-post", *options.arguments]),
         )
     )
@@ -279,6 +280,9 @@ def _add_report(commands: _Commands) -> None:
         help="where the page goes, pictures to images/ beside it (default: DIR/speed-and-error.md)",
     )
     report.add_argument("--ogs", metavar="PATH", help="compare with this OpenGeoSys")
+    report.add_argument(
+        "--kratos", metavar="PYTHON", help="compare with Kratos GeoMechanics of this interpreter"
+    )
     report.set_defaults(run=_report)
 
 

@@ -15,6 +15,7 @@ from types import FrameType
 
 from dosui_post.errors import DosuiPostError
 from dosui_post.report.figure import draw
+from dosui_post.report.kratos import measure_all as measure_kratos
 from dosui_post.report.machine import (
     Machine,
     Program,
@@ -50,6 +51,8 @@ class Request:
     page: Path | None = None
     ogs: str | None = None
     """OpenGeoSys, if it is to be compared"""
+    kratos: str | None = None
+    """an interpreter with Kratos, if that is to be compared"""
     command: str = "dosui-post report"
     """for the page"""
 
@@ -119,15 +122,8 @@ def _run_all(
 
 
 def _others(request: Request, store: Store) -> list[Run]:
-    return measure_ogs(
-        request.ogs,
-        request.is_quick,
-        request.only,
-        store,
-        _tell,
-        request.repeat,
-        request.limit,
-    )
+    common = (request.is_quick, request.only, store, _tell, request.repeat, request.limit)
+    return [*measure_ogs(request.ogs, *common), *measure_kratos(request.kratos, *common)]
 
 
 def _outcome(run: Run) -> str:

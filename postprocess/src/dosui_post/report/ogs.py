@@ -22,19 +22,26 @@ from xml.etree import ElementTree
 import numpy as np
 
 from dosui_post.errors import DosuiPostError
-from dosui_post.exact import Terzaghi
+from dosui_post.report.elements import (
+    Mesh,
+    drained,
+    error_of,
+    extent,
+    plate_motion,
+    rollers,
+    step_ends,
+)
 from dosui_post.report.measure import errors_at, is_finished
 from dosui_post.report.process import run
 from dosui_post.report.scenes import PROBLEMS, TIME_FACTORS, Problem
 from dosui_post.report.store import DONE, FAILED, TIMEOUT, Run, Store
 from dosui_post.result import FloatArray
-from dosui_post.verify import relative_l2
 
 METHOD = "OpenGeoSys, Taylor–Hood"
 
 _NAME = "column"
 _STEPS = (16, 48, 160)
-_WIDTHS = (0.125, 0.05)
+_WIDTHS = {"terzaghi": (0.05, 0.025), "mandel": (0.02, 0.01)}
 
 
 @dataclass(frozen=True)
@@ -63,8 +70,8 @@ class OgsJob:
         mesh = Mesh.of(self.problem, self.spacing)
         return {
             f"{_NAME}.prj": project_text(self.problem, step_ends(self.problem, self.n)),
-            f"{_NAME}.vtu": mesh.text(),
-            f"{_NAME}.gml": geometry_text(self.problem),
+            f"{_NAME}.vtu": vtu_text(mesh),
+            f"{_NAME}.gml": geometry_text(self.problem, self.spacing),
         }
 
 
@@ -100,75 +107,30 @@ def measure_all(
 
 
 def jobs(is_quick: bool) -> list[OgsJob]:
-    """Two columns; finer and with more steps if there is time."""
-    widths = _WIDTHS if is_quick else (*_WIDTHS, 0.5 * _WIDTHS[-1])
+    """Columns and Mandel's slab; finer and with more steps if there is time."""
     counts = _STEPS if is_quick else (*_STEPS, 4 * _STEPS[-1])
-    names = ("terzaghi", "terzaghi-stiff")
-    return [OgsJob(PROBLEMS[name], dx, n) for name in names for dx in widths for n in counts]
+    found = []
+    for kind, coarse in _WIDTHS.items():
+        widths = coarse if is_quick else (*coarse, 0.5 * coarse[-1])
+        problems = (PROBLEMS[kind], PROBLEMS[f"{kind}-stiff"])
+        found += [OgsJob(p, dx, n) for p in problems for dx in widths for n in counts]
+    return found
 
 
 # ---------------------------------------------------------------------- input
 
 
-def step_ends(problem: Problem, n: int) -> list[float]:
-    """Ends of the steps [s]: growing until the first output, then even: errors balance."""
-    first, *later = problem.times
-    largest = 2.0 * first / n
-    ends = [first * (j / n) ** 2 for j in range(1, n + 1)]
-    for end in later:
-        count = math.ceil((end - ends[-1]) / largest * (1 - 1.0e-9))
-        ends += np.linspace(ends[-1], end, count + 1)[1:].tolist()
-    return ends
-
-
-@dataclass
-class Mesh:
-    """Quadrilaterals of eight nodes."""
-
-    points: FloatArray
-    cells: list[list[int]]
-
-    @classmethod
-    def of(cls, problem: Problem, spacing: float) -> Mesh:
-        """A regular mesh of the body."""
-        nx, nz = (round(size / spacing) for size in problem.size)
-        number: dict[tuple[int, int], int] = {}
-        places = [(i, k) for k in range(2 * nz + 1) for i in range(2 * nx + 1)]
-        for place in places:  # corners first: they are the nodes of the pressure
-            if place[0] % 2 == 0 and place[1] % 2 == 0:
-                number[place] = len(number)
-        for place in places:
-            if place[0] % 2 + place[1] % 2 == 1:
-                number[place] = len(number)
-        around = ((0, 0), (2, 0), (2, 2), (0, 2), (1, 0), (2, 1), (1, 2), (0, 1))
-        cells = [
-            [number[2 * i + di, 2 * k + dk] for di, dk in around]
-            for k in range(nz)
-            for i in range(nx)
-        ]
-        points = np.array([[0.5 * spacing * i, 0.5 * spacing * k, 0.0] for i, k in number])
-        return cls(points, cells)
-
-    def middles(self) -> FloatArray:
-        """Centres of the elements (n, 3)."""
-        return self.at_middles(self.points)
-
-    def at_middles(self, nodal: FloatArray) -> FloatArray:
-        """Mean of the corners: a bilinear field in the centres."""
-        corners = np.array(self.cells)[:, :4]
-        return np.asarray(nodal[corners].mean(axis=1), dtype=np.float64)
-
-    def text(self) -> str:
-        """A VTU file."""
-        points = "\n".join(f"{x!r} {y!r} 0.0" for x, y, _ in self.points.tolist())
-        cells = "\n".join(" ".join(map(str, cell)) for cell in self.cells)
-        offsets = " ".join(str(8 * (k + 1)) for k in range(len(self.cells)))
-        types = " ".join(["23"] * len(self.cells))
-        materials = " ".join(["0"] * len(self.cells))
-        return f"""<?xml version="1.0"?>
+def vtu_text(mesh: Mesh) -> str:
+    """The mesh as a VTU file."""
+    points = "\n".join(f"{x!r} {y!r} 0.0" for x, y, _ in mesh.points.tolist())
+    cells = "\n".join(" ".join(map(str, cell)) for cell in mesh.cells)
+    offsets = " ".join(str(8 * (k + 1)) for k in range(len(mesh.cells)))
+    types = " ".join(["23"] * len(mesh.cells))
+    materials = " ".join(["0"] * len(mesh.cells))
+    return f"""<?xml version="1.0"?>
 <VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" header_type="UInt64">
 <UnstructuredGrid>
-<Piece NumberOfPoints="{len(self.points)}" NumberOfCells="{len(self.cells)}">
+<Piece NumberOfPoints="{len(mesh.points)}" NumberOfCells="{len(mesh.cells)}">
 <Points>
 <DataArray type="Float64" NumberOfComponents="3" format="ascii">
 {points}
@@ -196,9 +158,9 @@ class Mesh:
 """
 
 
-def geometry_text(problem: Problem) -> str:
+def geometry_text(problem: Problem, spacing: float) -> str:
     """The four sides."""
-    width, height = problem.size
+    width, height = extent(problem, spacing)
     corners = ((0.0, 0.0), (width, 0.0), (width, height), (0.0, height))
     points = "\n".join(
         f'<point id="{k}" x="{x!r}" y="{y!r}" z="0"/>' for k, (x, y) in enumerate(corners)
@@ -240,10 +202,27 @@ def project_text(problem: Problem, ends: Sequence[float]) -> str:
             "load": repr(-problem.load),
         }.items()
     )
-    rollers = "\n".join(
-        _condition(side, "Dirichlet", component, "zero")
-        for side, component in (("left", 0), ("right", 0), ("base", 1))
+    fixed = "\n".join(
+        _condition(side, "Dirichlet", component, "zero") for side, component in rollers(problem)
     )
+    motion = [plate_motion(problem, time) for time in ends]
+    plate = ""
+    if motion[0] is None:
+        top = _condition("top", "Neumann", 1, "load")
+    else:
+        top = _condition("top", "Dirichlet", 1, "motion")
+        parameters += (
+            "<parameter><name>motion</name><type>CurveScaled</type><curve>plate</curve>"
+            "<parameter>one</parameter></parameter>"
+            "<parameter><name>one</name><type>Constant</type><value>1</value></parameter>"
+        )
+        # the plate is where it jumps to from the first step's start on
+        times = " ".join(map(repr, [0.0, *ends]))
+        values = " ".join(map(repr, [motion[0], *motion]))
+        plate = (
+            f"<curves><curve><name>plate</name><coords>{times}</coords>"
+            f"<values>{values}</values></curve></curves>"
+        )
     return f"""<?xml version="1.0" encoding="ISO-8859-1"?>
 <OpenGeoSysProject>
 <mesh>{_NAME}.vtu</mesh>
@@ -314,6 +293,7 @@ def project_text(problem: Problem, ends: Sequence[float]) -> str:
 <parameters>
 {parameters}
 </parameters>
+{plate}
 <process_variables>
 <process_variable>
 <name>displacement</name>
@@ -321,8 +301,8 @@ def project_text(problem: Problem, ends: Sequence[float]) -> str:
 <order>2</order>
 <initial_condition>rest</initial_condition>
 <boundary_conditions>
-{rollers}
-{_condition("top", "Neumann", 1, "load")}
+{fixed}
+{top}
 </boundary_conditions>
 </process_variable>
 <process_variable>
@@ -331,7 +311,7 @@ def project_text(problem: Problem, ends: Sequence[float]) -> str:
 <order>1</order>
 <initial_condition>zero</initial_condition>
 <boundary_conditions>
-{_condition("top", "Dirichlet", 0, "zero")}
+{_condition(drained(problem), "Dirichlet", 0, "zero")}
 </boundary_conditions>
 </process_variable>
 </process_variables>
@@ -405,17 +385,13 @@ def _measure(job: OgsJob, program: str, version: str, repeat: int, limit: float)
 
 def errors_of(folder: Path, problem: Problem, mesh: Mesh) -> dict[str, float]:
     """Relative L2 errors of the pressure in the centres of the elements, over T."""
-    solution = problem.solution
-    assert isinstance(solution, Terzaghi)
-    depth = problem.length - mesh.middles()[:, 1]
     errors = {}
     for entry in ElementTree.parse(folder / "out.pvd").iter("DataSet"):
         time = float(entry.get("timestep", "0"))
         if time <= 0:
             continue
-        pressure = mesh.at_middles(_pressure(folder / entry.get("file", "")))
-        exact = solution.pressure(depth, time)
-        errors[solution.time_factor(time)] = relative_l2(pressure, exact, np.ones(len(exact)))
+        nodal = _pressure(folder / entry.get("file", ""))
+        errors[problem.solution.time_factor(time)] = error_of(problem, mesh, nodal, time)
     return errors_at(errors)
 
 

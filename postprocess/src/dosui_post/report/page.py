@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from dosui_post.report.kratos import METHOD as KRATOS
 from dosui_post.report.machine import Machine
 from dosui_post.report.ogs import METHOD as OGS
 from dosui_post.report.store import DONE, Run
@@ -60,9 +61,14 @@ A run that is finished is not made again: an interrupted report goes on where it
 
 _OGS = f"""*{OGS}* ({{versions}}): quadratic displacements, linear pressures on squares of
 the width dx, backward Euler with fixed steps that grow until T = 0.05, direct solver, its pressures
-compared in the middle of the elements; *particles* counts nodes. Its own step control and other
-elements may do better. Mandel's rigid plate is left out: it has no condition that ties
-displacements together.
+compared in the middle of the elements; *particles* counts nodes. Its column is one element wide,
+that of dosui 0.25 m. Its own step control and other elements may do better. Mandel's rigid plate
+moves as in the exact solution: it has no condition that ties displacements together.
+"""
+
+_KRATOS = f"""*{KRATOS}* ({{versions}}): the same elements and steps, Newmark's scheme
+with θ = 0.5, direct solver, one thread; *start* is what its process needs outside the loop over
+the steps.
 """
 
 
@@ -103,8 +109,12 @@ def write_page(
 
 
 def _others(runs: Sequence[Run]) -> str:
-    versions = sorted({run.program for run in runs if run.method == OGS})
-    return _OGS.format(versions=", ".join(versions)) if versions else ""
+    texts = []
+    for method, text in ((OGS, _OGS), (KRATOS, _KRATOS)):
+        versions = sorted({run.program for run in runs if run.method == method})
+        if versions:
+            texts.append(text.format(versions=", ".join(versions)))
+    return "\n".join(texts)
 
 
 def _dates(runs: Sequence[Run]) -> str:

@@ -32,6 +32,8 @@ class Outcome:
         """One line for a table."""
         lines = [line.strip() for line in (self.complaint or self.output).splitlines()]
         lines = [line for line in lines if line]
+        if any(line.startswith("Traceback") for line in lines):
+            return next((line for line in lines if "Error" in line), lines[-1])
         return lines[0] if lines else f"exit status {self.status}"
 
 

@@ -180,6 +180,7 @@ contains
         if (model%comm%any(signal_received())) then
           call files%write_checkpoint(model, err)
           call files%close(model, err)
+          call describe_solutions()
           call model%log%info('stopped by a signal at t = '//to_text(model%clock%time)// &
                               ' s; continue with --restart '//files%stem//'.restart.h5')
           status = status_stopped
@@ -189,11 +190,18 @@ contains
       call checkpoint_if_due(model, files, check_interval, last_checkpoint, err)
       if (err%failed()) return
     end do
-    if (model%integrator == 'quasi_static') call model%log%info(quasi_static%describe())
-    if (model%integrator == 'semi_implicit') call model%log%info(semi_implicit%describe())
+    call describe_solutions()
     call files%write_step(model, err)   ! where maximum_steps ends a run; else it is there already
     if (.not. err%failed()) call files%close(model, err)
     if (.not. err%failed()) status = status_finished
+
+  contains
+
+    subroutine describe_solutions()
+      !! Linear solutions of an implicit integrator.
+      if (model%integrator == 'quasi_static') call model%log%info(quasi_static%describe())
+      if (model%integrator == 'semi_implicit') call model%log%info(semi_implicit%describe())
+    end subroutine describe_solutions
   end subroutine advance
 
   subroutine step(model, semi_implicit, err)

@@ -257,6 +257,7 @@ contains
       if (way <= 1.0e-6_wp*dt .or. way >= 2.0_wp*dt) return
       model%clock%dt = merge(way, 0.5_wp*way, way <= dt*(1.0_wp + 1.0e-9_wp))
       model%clock%limit%name = 'corner of a time table'
+      model%clock%is_even = .false.
     end associate
   end subroutine stop_at_corner
 

@@ -7,6 +7,7 @@ module dosui_time_control
 
   integer, parameter :: name_width = 48
   real(wp), parameter :: landing_tolerance = 1.0e-9_wp   !! of a step [-]
+  real(wp), parameter :: on_division = 1.0e-7_wp         !! of a step [-]
 
   type, public :: step_limit_t
     !! One limit of the time step, with the name that the user sees.
@@ -22,6 +23,7 @@ module dosui_time_control
     integer :: output = 0                   !! outputs written
     real(wp), allocatable :: output_time(:) !! increasing, last one is the end [s]
     type(step_limit_t) :: limit             !! what decided the current step
+    logical :: is_even = .false.            !! the step divides the way between two outputs evenly
   contains
     procedure :: init => time_control_init
     procedure :: choose_step => time_control_choose_step
@@ -71,11 +73,13 @@ contains
   end function sorted_distinct
 
   pure subroutine time_control_choose_step(self, options, limits)
-    !! Takes the smallest limit, then divides the way to the next output into equal steps.
+    !! Takes the smallest limit, then divides the way to the next output into equal steps: the way
+    !! from the output before if the clock is on that division, which gives the same step to the
+    !! last bit, else the rest of it.
     class(time_control_t), intent(inout) :: self
     type(time_t), intent(in) :: options
     type(step_limit_t), intent(in) :: limits(:)   !! stability limits, already times Courant number
-    real(wp) :: remaining
+    real(wp) :: remaining, way, even, steps
     integer :: smallest
 
     smallest = minloc(limits%dt, dim=1)
@@ -89,15 +93,32 @@ contains
       self%limit%dt = options%largest_step
     end if
     remaining = self%output_time(self%output + 1) - self%time
-    self%dt = remaining/max(1.0_wp, &
-                            aint(remaining/self%limit%dt*(1.0_wp - landing_tolerance)) + 1.0_wp)
+    way = self%output_time(self%output + 1)
+    if (self%output > 0) way = way - self%output_time(self%output)
+    even = way/number_of_steps(way)
+    steps = anint(remaining/even)
+    self%is_even = steps > 0.5_wp .and. abs(remaining - steps*even) < on_division*even
+    self%dt = even
+    if (.not. self%is_even) self%dt = remaining/number_of_steps(remaining)
+
+  contains
+
+    pure real(wp) function number_of_steps(length)
+      !! Equal steps within the limit that fill a length of time.
+      real(wp), intent(in) :: length   !! [s]
+
+      number_of_steps = max(1.0_wp, &
+                            aint(length/self%limit%dt*(1.0_wp - landing_tolerance)) + 1.0_wp)
+    end function number_of_steps
   end subroutine time_control_choose_step
 
   pure subroutine time_control_round_step(self)
     !! Rounds the step to 30 binary digits, so that steps that are equal but for round-off are
-    !! equal: matrices that contain the step then stay valid, after a restart, too.
+    !! equal: matrices that contain the step then stay valid, after a restart, too. Even steps are
+    !! equal as they are.
     class(time_control_t), intent(inout) :: self
 
+    if (self%is_even) return
     self%dt = set_exponent(anint(fraction(self%dt)*2.0_wp**30)*2.0_wp**(-30), exponent(self%dt))
   end subroutine time_control_round_step
 

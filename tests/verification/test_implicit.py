@@ -332,3 +332,30 @@ def test_solver_failure_ends_cleanly(dosui: Runner) -> None:
     if path.exists():
         with h5py.File(path) as file:
             assert int(file["VTKHDF/Steps"].attrs["NSteps"]) == 0
+
+
+def test_semi_implicit_factorises_once(dosui: Runner) -> None:
+    """The case of the well-known MPI code: 2e-3 to T = 0.5 in 1270 steps, a matrix or two."""
+    soil = {"young_modulus": 1.0e7, "conductivity": 1.0e-3, "bulk_modulus": REAL_WATER}
+    column = replace(
+        STATIC,
+        **soil,
+        spacing=0.0125,
+        per_cell=2,
+        last=0.5,
+        integrator="semi_implicit",
+        mechanics="damping = 'viscous'",
+        time="courant = 1.0",
+    )
+    text = column.text().replace("= 0.25, 1.0", "= 0.025, 1.0")
+    run = dosui(text)
+    assert run.status == 0, run.stderr
+    counts = re.search(r"direct solutions (\d+), set-ups (\d+)", run.stdout)
+    assert counts
+    assert int(counts[1]) <= 1300
+    assert int(counts[2]) <= 8
+    for step, time in enumerate(run.times("column")):
+        data = run.fields("column", step)
+        right = column.exact(data["points"], time) if step > 0 else column.initial_pressure
+        size = np.linalg.norm(right * np.ones(len(data["points"])))
+        assert np.linalg.norm(data["pore_pressure"] - right) <= 2.0e-3 * size

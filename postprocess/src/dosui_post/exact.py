@@ -12,8 +12,8 @@ Sources
   revisited. Géotechnique 46(2), eqs. 11-17.
 * C. W. Cryer (1963), A comparison of the three-dimensional consolidation theories of Biot and
   Terzaghi. Quart. J. Mech. Appl. Math. 16(4).
-* E. H. de Leeuw (1965), The theory of three-dimensional consolidation applied to cylindrical bodies.
-  Proc. 6th ICSMFE I.
+* E. H. de Leeuw (1965), The theory of three-dimensional consolidation applied to cylindrical
+  bodies. Proc. 6th ICSMFE I.
 * A. Verruijt (2016), Theory and Problems of Poroelasticity, ch. 2 and 3 (finite K_w).
 """
 

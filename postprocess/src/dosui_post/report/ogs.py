@@ -111,7 +111,7 @@ def jobs(is_quick: bool) -> list[OgsJob]:
     found = []
     for kind, coarse in _WIDTHS.items():
         widths = coarse if is_quick else (*coarse, 0.5 * coarse[-1])
-        counts = _STEPS if is_quick else (*_STEPS, 4 * _STEPS[-1])
+        counts: tuple[int, ...] = _STEPS if is_quick else (*_STEPS, 4 * _STEPS[-1])
         if kind == "mandel" and is_quick:
             counts = _STEPS[:-1]  # minutes each
         problems = (PROBLEMS[kind], PROBLEMS[f"{kind}-stiff"])

@@ -12,8 +12,8 @@ module dosui_block_system
   use dosui_kinds, only: wp, i8
   use dosui_communicator, only: communicator_t
   use dosui_error, only: error_t
-  use dosui_petsc, only: has_umfpack, initial_matrix, insert_values, ksp_create, ksp_destroy, &
-                         ksp_get_pc, ksp_iterations, ksp_reason, ksp_residual, &
+  use dosui_petsc, only: has_hypre, has_umfpack, initial_matrix, insert_values, ksp_create, &
+                         ksp_destroy, ksp_get_pc, ksp_iterations, ksp_reason, ksp_residual, &
                          ksp_set_from_options, ksp_set_nonzero_guess, ksp_set_operators, &
                          ksp_set_prefix, ksp_set_tolerances, ksp_set_up, ksp_solve, &
                          mat_convert, mat_create, mat_create_nest, mat_destroy, mat_mult, &
@@ -308,21 +308,21 @@ contains
                 ' -'//prefix//'fieldsplit_u_ksp_type preonly'// &
                 ' -'//prefix//'fieldsplit_u_pc_type jacobi'// &
                 ' -'//prefix//'fieldsplit_p_ksp_type preonly'// &
-                water_options(prefix//'fieldsplit_p_')
+                water_options(prefix//'fieldsplit_p_', is_dynamic)
     else if (is_split) then
       options = '-'//prefix//'ksp_type fgmres -'//prefix//'ksp_gmres_restart 60'// &
                 ' -'//prefix//'pc_type fieldsplit'// &
                 ' -'//prefix//'pc_fieldsplit_type multiplicative'// &
                 ' -'//prefix//'pc_fieldsplit_off_diag_use_amat'
       options = options//elastic_options(prefix//'fieldsplit_u_')// &
-                water_options(prefix//'fieldsplit_p_')
+                water_options(prefix//'fieldsplit_p_', is_dynamic)
       options = options//' -'//prefix//'fieldsplit_u_ksp_type preonly'// &
                 ' -'//prefix//'fieldsplit_p_ksp_type preonly'
     else if (alone == block_u) then
       options = '-'//prefix//'ksp_type cg -'//prefix//'ksp_norm_type unpreconditioned'// &
                 elastic_options(prefix)
     else
-      options = '-'//prefix//'ksp_type bcgs '//water_options(prefix)
+      options = '-'//prefix//'ksp_type bcgs '//water_options(prefix, is_dynamic)
     end if
   end function solver_options
 
@@ -337,12 +337,22 @@ contains
               ' -'//prefix//'pc_gamg_aggressive_coarsening 0'
   end function elastic_options
 
-  function water_options(prefix) result(options)
-    !! Multigrid for heads.
+  function water_options(prefix, is_dynamic) result(options)
+    !! Multigrid for heads. In steps longer than the diffusion time of a cell the operator is all
+    !! Laplacian and not symmetric: BoomerAMG, if there, halves the iterations of smoothed
+    !! aggregation then (4e4 particles: 24 instead of 50).
     character(len=*), intent(in) :: prefix
+    logical, intent(in) :: is_dynamic   !! short steps
     character(len=:), allocatable :: options
 
-    options = ' -'//prefix//'pc_type gamg -'//prefix//'mg_levels_pc_type jacobi'
+    if (has_hypre() .and. .not. is_dynamic) then
+      options = ' -'//prefix//'pc_type hypre -'//prefix//'pc_hypre_type boomeramg'// &
+                ' -'//prefix//'pc_hypre_boomeramg_coarsen_type HMIS'// &
+                ' -'//prefix//'pc_hypre_boomeramg_interp_type ext+i'// &
+                ' -'//prefix//'pc_hypre_boomeramg_P_max 4'
+    else
+      options = ' -'//prefix//'pc_type gamg -'//prefix//'mg_levels_pc_type jacobi'
+    end if
   end function water_options
 
   subroutine system_solve(self, right_side, solution, tolerance, is_guess, err)

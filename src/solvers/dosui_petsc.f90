@@ -19,7 +19,7 @@ module dosui_petsc
             ksp_set_from_options, ksp_set_up, ksp_solve, ksp_reason, ksp_iterations, ksp_residual, &
             ksp_get_pc, &
             ksp_destroy, ksp_set_nonzero_guess
-  public :: pc_set_split, has_umfpack
+  public :: pc_set_split, has_umfpack, has_hypre
 
   integer(c_int), parameter, public :: insert_values = 1   !! equal places are summed all the same
   integer(c_int), parameter, public :: initial_matrix = 0, reuse_matrix = 1
@@ -266,6 +266,14 @@ module dosui_petsc
       integer(c_int), intent(out) :: has_solver, has_matrix
       type(c_ptr), intent(out) :: create
     end function solver_type_get
+    integer(c_int) function has_external_package(package, has) &
+      bind(c, name='PetscHasExternalPackage')
+      import :: c_int, c_char
+      implicit none
+      ! allow(C071)
+      character(kind=c_char), intent(in) :: package(*)
+      integer(c_int), intent(out) :: has
+    end function has_external_package
     integer(c_int) function ksp_get_pc(ksp, pc) bind(c, name='KSPGetPC')
       import :: c_int, c_ptr
       implicit none
@@ -339,6 +347,14 @@ contains
                              has_matrix, create)
     has_umfpack = status == 0 .and. has_solver /= 0 .and. has_matrix /= 0
   end function has_umfpack
+
+  logical function has_hypre()
+    !! Was PETSc built with hypre? Its BoomerAMG suits the heads of large steps.
+    integer(c_int) :: status, has
+
+    status = has_external_package('hypre'//c_null_char, has)
+    has_hypre = status == 0 .and. has /= 0
+  end function has_hypre
 
   integer(c_int) function mat_set_type(mat, name) result(status)
     !! Sets a matrix' type.

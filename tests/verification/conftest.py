@@ -69,7 +69,7 @@ def dosui(tmp_path: Path) -> Runner:
     """Runs a scene (text or path), on several ranks, in a folder of its own."""
 
     def run(
-        scene: str | Path, *options: str, ranks: int = 1, folder: str = ".", timeout: float = 120
+        scene: str | Path, *options: str, ranks: int = 1, folder: str = ".", timeout: float = 300
     ) -> Run:
         work = tmp_path / folder
         work.mkdir(parents=True, exist_ok=True)

@@ -54,6 +54,7 @@ module dosui_block_system
     type(c_ptr), private :: nest = c_null_ptr, smooth_nest = c_null_ptr, whole = c_null_ptr
     type(c_ptr), private :: ksp = c_null_ptr, right = c_null_ptr, left = c_null_ptr
     real(c_double), pointer, contiguous, private :: coordinates(:) => null()
+    integer, private :: dimension = 0          ! of the nodes' space, once they have coordinates
     type(communicator_t), private :: comm
     logical, private :: is_current = .false.
   contains
@@ -177,6 +178,7 @@ contains
     type(c_ptr) :: vec, space
     integer :: status
 
+    self%dimension = dimension
     if (self%is_direct .or. dimension == 1) return
     if (associated(self%coordinates)) deallocate (self%coordinates)
     allocate (self%coordinates(max(1, self%n(block_u))))
@@ -265,7 +267,7 @@ contains
                                                alone == block_u), alone == 0), self%is_direct))//'_'
     if (status == 0) then
       call petsc_set_options(solver_options(prefix, self%is_direct, self%is_dynamic, is_split, &
-                                            alone, self%comm%size), status)
+                                            alone, self%comm%size, self%dimension), status)
     end if
     if (status == 0) status = ksp_create(petsc_world, self%ksp)
     if (status == 0) status = ksp_set_prefix(self%ksp, prefix)
@@ -280,12 +282,14 @@ contains
     end if
   end subroutine build_solver
 
-  function solver_options(prefix, is_direct, is_dynamic, is_split, alone, n_rank) result(options)
+  function solver_options(prefix, is_direct, is_dynamic, is_split, alone, n_rank, dimension) &
+    result(options)
     !! PETSc's options for the solver.
     character(len=*), intent(in) :: prefix
     logical, intent(in) :: is_direct, is_dynamic, is_split
     integer, intent(in) :: alone
     integer, intent(in) :: n_rank
+    integer, intent(in) :: dimension   !! of the nodes' space
     character(len=:), allocatable :: options, factor
 
     if (is_direct) then
@@ -314,27 +318,35 @@ contains
                 ' -'//prefix//'pc_type fieldsplit'// &
                 ' -'//prefix//'pc_fieldsplit_type multiplicative'// &
                 ' -'//prefix//'pc_fieldsplit_off_diag_use_amat'
-      options = options//elastic_options(prefix//'fieldsplit_u_')// &
+      options = options//elastic_options(prefix//'fieldsplit_u_', dimension)// &
                 water_options(prefix//'fieldsplit_p_', is_dynamic)
       options = options//' -'//prefix//'fieldsplit_u_ksp_type preonly'// &
                 ' -'//prefix//'fieldsplit_p_ksp_type preonly'
     else if (alone == block_u) then
       options = '-'//prefix//'ksp_type cg -'//prefix//'ksp_norm_type unpreconditioned'// &
-                elastic_options(prefix)
+                elastic_options(prefix, dimension)
     else
       options = '-'//prefix//'ksp_type bcgs '//water_options(prefix, is_dynamic)
     end if
   end function solver_options
 
-  function elastic_options(prefix) result(options)
-    !! Smoothed aggregation for the skeleton.
+  function elastic_options(prefix, dimension) result(options)
+    !! Smoothed aggregation for the skeleton. In plane problems W-cycles and leaving weak couplings
+    !! out keep the iterations from growing with the system (1e3 to 1e5 particles: 11 to 13 instead
+    !! of 12 to 20); in space they hardly grow, and V-cycles are cheaper.
     character(len=*), intent(in) :: prefix
+    integer, intent(in) :: dimension
     character(len=:), allocatable :: options
 
-    options = ' -'//prefix//'pc_type gamg -'//prefix//'pc_gamg_threshold 0'// &
+    options = ' -'//prefix//'pc_type gamg'// &
               ' -'//prefix//'mg_levels_ksp_max_it 2 -'//prefix//'mg_levels_pc_type jacobi'// &
               ' -'//prefix//'pc_gamg_square_graph 0'// &
               ' -'//prefix//'pc_gamg_aggressive_coarsening 0'
+    if (dimension == 2) then
+      options = options//' -'//prefix//'pc_gamg_threshold 0.02 -'//prefix//'pc_mg_cycle_type w'
+    else
+      options = options//' -'//prefix//'pc_gamg_threshold 0 -'//prefix//'pc_mg_cycle_type v'
+    end if
   end function elastic_options
 
   function water_options(prefix, is_dynamic) result(options)

@@ -9,9 +9,10 @@ module dosui_command_line
 
   integer, parameter, public :: argument_length = 4096   !! the longest path of Linux
   integer, parameter :: option_length = 12
-  character(len=option_length), parameter :: options(8) = &
+  character(len=option_length), parameter :: options(9) = &
                                              [character(len=option_length) :: '--check', &
                                                   '--template', '--output', '--restart', '--docs', &
+                                                                               '--elements', &
                                                                         '--version', '--help', '-h']
 
   type, public :: command_line_t
@@ -21,6 +22,8 @@ module dosui_command_line
     character(len=:), allocatable :: docs       !! folder for the pages of the manual, '' if none
     integer :: dimension = 0                    !! of the template, 0 if not given
     logical :: is_check = .false.
+    logical :: is_elements = .false.
+    character(len=:), allocatable :: pressure   !! confining, of element tests, '' if not given
     logical :: is_template = .false.
     logical :: is_version = .false.
     logical :: is_help = .false.
@@ -44,6 +47,9 @@ contains
            '  --restart FILE     go on from a checkpoint'//newline// &
            '  --template [1|2|3] print a commented scene that runs, in so many dimensions (2)'// &
            newline// &
+           '  --elements[=PA]    print laboratory tests of the scene''s soils as a table, at '// &
+           'this confining'//newline// &
+           '                     pressure (1e5 Pa)'//newline// &
            '  --version          print the version and how it was built'//newline// &
            '  --help             print this'//newline// &
            newline// &
@@ -86,6 +92,7 @@ contains
     line%output = ''
     line%restart = ''
     line%docs = ''
+    line%pressure = ''
     k = 0
     do while (k < size(arguments))
       k = k + 1
@@ -137,6 +144,7 @@ contains
     if (takes_value(option) .and. len(value) == 0) then
       call err%set('the option '//option//' needs a value')
     else if (has_equals .and. .not. takes_value(option) .and. option /= '--template' .and. &
+             option /= '--elements' .and. &
              any(options == option)) then
       call err%set('the option '//option//' takes no value')
     end if
@@ -150,6 +158,9 @@ contains
       if (len(value) > 1 .or. (len(value) == 1 .and. line%dimension == 0)) then
         call err%set('--template '//value//': the dimension must be 1, 2 or 3')
       end if
+    case ('--elements')
+      line%is_elements = .true.
+      line%pressure = value
     case ('--output')
       line%output = value
     case ('--restart')

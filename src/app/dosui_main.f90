@@ -7,8 +7,10 @@ program dosui_main
   use dosui_command_line, only: command_line_t, read_command_line, usage
   use dosui_communicator, only: communicator_t, parallel_start, parallel_stop
   use dosui_directories, only: make_directory
+  use dosui_element_tests, only: element_tests
   use dosui_error, only: error_t
   use dosui_exit, only: exit_with
+  use dosui_kinds, only: wp
   use dosui_log, only: log_t
   use dosui_petsc, only: petsc_stop
   use dosui_problems, only: problems_t
@@ -74,6 +76,10 @@ contains
       status = status_bad_input
       return
     end if
+    if (line%is_elements) then
+      call print_elements(scene, status)
+      return
+    end if
     stem = scene%output%name
     if (len(scene%output%directory) > 0) stem = scene%output%directory//'/'//stem
     if (comm%is_root() .and. len(scene%output%directory) > 0 .and. .not. line%is_check) then
@@ -87,4 +93,27 @@ contains
     end if
     call run_scene(comm, scene, stem, line%restart, line%is_check, status)
   end subroutine run
+
+  subroutine print_elements(scene, status)
+    !! Laboratory tests of the scene's soils.
+    type(scene_t), intent(in) :: scene
+    integer, intent(out) :: status
+    character(len=:), allocatable :: table
+    real(wp) :: pressure
+    integer :: failure
+
+    status = status_finished
+    failure = 0
+    pressure = 1.0e5_wp
+    if (len(line%pressure) > 0) read (line%pressure, *, iostat=failure) pressure
+    if (failure /= 0 .or. .not. (pressure > 0.0_wp .and. pressure < huge(1.0_wp))) then
+      call err%set('--elements='//line%pressure//': the pressure must be > 0 [Pa]')
+    else
+      call element_tests(scene, pressure, table, err)
+      if (comm%is_root()) write (output_unit, '(a)', advance='no') table
+    end if
+    if (.not. err%failed()) return
+    call log%error(err%message)
+    status = status_bad_input
+  end subroutine print_elements
 end program dosui_main

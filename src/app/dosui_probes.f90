@@ -5,7 +5,7 @@ module dosui_probes
   use dosui_error, only: error_t
   use dosui_history, only: history_t
   use dosui_model, only: model_t
-  use dosui_result_fields, only: field_values, field_width, result_fields
+  use dosui_result_fields, only: field_values, field_width
   use dosui_result_file, only: result_field_t
   use dosui_scene, only: probe_t
   use dosui_text, only: to_text
@@ -18,16 +18,16 @@ module dosui_probes
 
 contains
 
-  subroutine check_probes(probes, coupled, problems)
+  subroutine check_probes(probes, fields, problems)
     !! Names fields that this scene does not have; one problem a line.
     type(probe_t), intent(in) :: probes(:)
-    logical, intent(in) :: coupled
+    type(result_field_t), intent(in) :: fields(:)   !! of the scene's result
     character(len=:), allocatable, intent(inout) :: problems
     integer :: k, width
 
     do k = 1, size(probes)
       if (probes(k)%kind == 'settlement') cycle
-      width = field_width(trim(probes(k)%field), coupled)
+      width = field_width(trim(probes(k)%field), fields)
       if (width == 0) then
         problems = problems//"&probe '"//trim(probes(k)%name)//"': no field '"// &
                    trim(probes(k)%field)//"' in this scene"//new_line('a')
@@ -39,17 +39,15 @@ contains
     end do
   end subroutine check_probes
 
-  subroutine add_probe_columns(probes, coupled, history, err)
+  subroutine add_probe_columns(probes, fields, history, err)
     !! One history column a probe.
     type(probe_t), intent(in) :: probes(:)
-    logical, intent(in) :: coupled
+    type(result_field_t), intent(in) :: fields(:)   !! of the scene's result
     type(history_t), intent(inout) :: history
     type(error_t), intent(inout) :: err
-    type(result_field_t), allocatable :: fields(:)
     character(len=16) :: unit
     integer :: k, j, column
 
-    fields = result_fields(coupled)
     do k = 1, size(probes)
       unit = 'm'
       do j = 1, size(fields)

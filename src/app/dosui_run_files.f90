@@ -52,7 +52,7 @@ contains
     call define_history(self%history, model, err)
     layout%n_step_max = size(model%clock%output_time) + 2
     layout%n_point = model%comm%sum(int(model%particles%count, i8)) + model%removed
-    layout%field = result_fields(model%coupled)
+    layout%field = result_fields(model)
     layout%history = self%history%column
     layout%history_capacity = int(model%scene%time%end_time/self%history_interval, i8) + &
                               2_i8*size(model%clock%output_time) + 16_i8
@@ -105,7 +105,8 @@ contains
       end do
       if (model%sources%has_water) call history%add_column('inflow_sources', 'm3', column, err)
     end if
-    call add_probe_columns(model%scene%probe, model%coupled, history, err)
+    call add_probe_columns(model%scene%probe, &
+                           result_fields(model), history, err)
   end subroutine define_history
 
   subroutine run_files_sample(self, model)
@@ -157,7 +158,7 @@ contains
                                 points_in_space(model), is_new, err)
     call model%comm%agree(err)
     if (err%failed() .or. .not. is_new) return
-    fields = result_fields(model%coupled)
+    fields = result_fields(model)
     do k = 1, size(fields)
       call field_values(model, trim(fields(k)%name), values)
       call self%result%write_field(model%comm, k, n, values, err)

@@ -2,6 +2,7 @@
 module dosui_setup
   use dosui_kinds, only: wp, i8
   use dosui_dimension, only: ndim
+  use dosui_barriers, only: barrier_faces
   use dosui_boundary_points, only: seed_boundary_points
   use dosui_communicator, only: communicator_t
   use dosui_damping, only: automatic_damping, damping_kind_of, damping_none, damping_viscous, &
@@ -10,7 +11,9 @@ module dosui_setup
   use dosui_initial_state, only: apply_initial_state
   use dosui_integrator_choice, only: choose_integrator
   use dosui_model, only: model_t
-  use dosui_particle_fields, only: register_particle_fields, register_surface_fields
+  use dosui_particle_fields, only: field_needs_t, register_particle_fields, &
+                                   register_surface_fields
+  use dosui_retention, only: retention_t
   use dosui_scene, only: scene_t
   use dosui_seeding, only: region_spacing, seed_regions
   use dosui_text, only: to_text
@@ -30,6 +33,7 @@ contains
     integer :: k, n
     logical :: affine
     type(error_t) :: err
+    type(field_needs_t) :: needs
 
     model%comm = comm
     model%scene = scene
@@ -41,6 +45,7 @@ contains
     model%finite = scene%deformation == 'finite'
     model%centred = model%averaged .and. .not. model%finite .and. &
                     scene%mechanics%coupling_gradient /= 'particle'
+    call prepare_conditions(model)
     n = size(scene%hydraulic_condition)
     allocate (model%condition_surface(n))
     allocate (model%balance%inflow(n + 1), source=0.0_wp)
@@ -49,17 +54,55 @@ contains
                                            scene%hydraulic_condition(k)%surface, .true., dim=1)
     end do
     model%spacing = minval([(region_spacing(scene, scene%region(k)), k=1, size(scene%region))])
+    if (model%coupled .and. allocated(scene%barrier)) then
+      if (size(scene%barrier) > 0) model%barrier = barrier_faces(scene%barrier, model%spacing)
+    end if
     affine = scene%mechanics%transfer == 'apic' .and. .not. model%rigid
     call model%materials%init(scene%material, err)
     call model%sources%init(scene%source)
+    model%nonlinear = model%unsaturated .or. &
+                      (model%materials%is_nonlinear() .and. .not. model%rigid)
     call choose_integrator(scene, model%materials, model%spacing, model%choice)
     model%integrator = model%choice%name
-    call register_particle_fields(model%particles, model%p, model%coupled, affine, model%updated, &
-                                  model%finite, model%integrator == 'quasi_static')
-    call register_surface_fields(model%surface, model%s, model%updated, model%finite)
+    needs = field_needs_t(coupled=model%coupled, affine=affine, updated=model%updated, &
+                          finite=model%finite, adaptive=model%integrator == 'quasi_static', &
+                          switching=model%switching, unsaturated=model%unsaturated, &
+                          n_state=model%materials%n_state())
+    call register_particle_fields(model%particles, model%p, needs)
+    call register_surface_fields(model%surface, model%s, needs)
     call add_timers(model)
     call model%clock%init(scene%time)
   end subroutine setup_model
+
+  subroutine prepare_conditions(model)
+    !! Formulas of conditions, and what suction does in each material.
+    type(model_t), intent(inout) :: model
+    character(len=:), allocatable :: message   ! none: the scene has been checked
+    integer :: k
+
+    do k = 1, size(model%scene%mechanical_condition)
+      associate (condition => model%scene%mechanical_condition(k))
+        call condition%pattern%prepare(message)
+        condition%water_weight = -model%scene%water%density*model%scene%gravity(ndim)
+      end associate
+    end do
+    do k = 1, size(model%scene%hydraulic_condition)
+      call model%scene%hydraulic_condition(k)%pattern%prepare(message)
+    end do
+    model%switching = model%coupled .and. any(model%scene%hydraulic_condition%may_switch())
+    allocate (model%retention(size(model%scene%material)))
+    do k = 1, size(model%scene%material)
+      associate (material => model%scene%material(k))
+        model%retention(k) = retention_t(is_active=material%retention == 'van_genuchten', &
+                                         alpha=material%retention_alpha, &
+                                         n=material%retention_exponent, &
+                                         residual=material%residual_saturation, &
+                                         least=material%least_conductivity, &
+                                         unit_weight=model%scene%water%unit_weight)
+      end associate
+    end do
+    model%unsaturated = model%coupled .and. any(model%retention%is_active)
+  end subroutine prepare_conditions
 
   subroutine add_timers(model)
     !! Names the phases of a run.
@@ -90,6 +133,7 @@ contains
     call seed_boundary_points(model%comm, model%scene, model%surface, model%s, problems)
     if (len(problems) > 0) return
     call apply_initial_state(model%scene, model%particles, model%p)
+    if (model%p%state > 0) call start_states(model)
     if (model%p%start_pressure > 0) then
       model%particles%field(model%p%start_pressure)%values = &
         model%particles%field(model%p%pore_pressure)%values
@@ -99,6 +143,20 @@ contains
                                                  model%scene%mechanics%density_scaling
     call distribute(model, err)
   end subroutine seed_model
+
+  subroutine start_states(model)
+    !! State variables that follow from initial stresses and porosities.
+    type(model_t), intent(inout) :: model
+    integer :: p
+
+    associate (field => model%particles%field, h => model%p)
+      do p = 1, model%particles%count
+        call model%materials%item(nint(field(h%material)%values(1, p)))%model%start_state( &
+          field(h%porosity)%values(1, p), field(h%effective_stress)%values(:, p), &
+          field(h%state)%values(:, p))
+      end do
+    end associate
+  end subroutine start_states
 
   subroutine start_undeformed(model)
     !! Deformation gradients and volumes of the reference configuration.
@@ -262,7 +320,7 @@ contains
 
     do c = 1, size(model%scene%mechanical_condition)
       associate (condition => model%scene%mechanical_condition(c))
-        if (condition%kind == 'traction' .or. condition%kind == 'pressure') cycle
+        if (condition%is_load()) cycle
         fitted = model%comm%sum(count(model%on_nodes(c, :)))
         forced = model%comm%sum(count(model%by_force(c, :)))
         call model%log%info('surface      '//trim(condition%surface)//': '//trim(condition%kind)// &

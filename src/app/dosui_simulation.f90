@@ -9,6 +9,7 @@ module dosui_simulation
   use dosui_model, only: model_t
   use dosui_point_set, only: point_set_t
   use dosui_probes, only: check_probes
+  use dosui_result_fields, only: result_fields
   use dosui_quasi_static, only: quasi_static_t
   use dosui_run_files, only: run_files_t
   use dosui_scene, only: scene_t
@@ -48,7 +49,7 @@ contains
 
     problems = ''
     call setup_model(model, comm, scene)
-    call check_probes(scene%probe, model%coupled, problems)
+    call check_probes(scene%probe, result_fields(model), problems)
     if (len(restart) > 0) then
       call restore(model, files, restart, err)
     else

@@ -33,6 +33,8 @@ module dosui_head_operator
     procedure :: clear => head_operator_clear
     procedure :: build => head_operator_build
     procedure :: apply => head_operator_apply
+    procedure :: apply_relative => head_operator_apply_relative
+    procedure :: linearise => head_operator_linearise
     procedure :: fit => head_operator_fit
     procedure :: flux => head_operator_flux
     procedure :: largest_row_sum => head_operator_largest_row_sum
@@ -290,6 +292,70 @@ contains
       rate(i) = total
     end do
   end subroutine head_operator_apply
+
+  pure subroutine head_operator_apply_relative(self, head, datum, relative, point_relative, rate)
+    !! Kernel: as `apply`, where suction lowers conductivities: neighbours exchange water by the
+    !! arithmetic mean of their relative conductivities, which keeps the second order.
+    class(head_operator_t), intent(in) :: self
+    real(wp), intent(in), contiguous :: head(:)             !! of owned and ghost particles [m]
+    real(wp), intent(in), contiguous :: datum(:)            !! of surface points [m] or [m/s]
+    real(wp), intent(in), contiguous :: relative(:)         !! k_r of particles [-]
+    real(wp), intent(in), contiguous :: point_relative(:)   !! k_r of surface points [-]
+    real(wp), intent(inout), contiguous :: rate(:)          !! (n_row)
+    real(wp) :: total, here
+    integer :: i, j, k
+
+    do i = 1, self%n_row
+      here = head(i)
+      total = 0.0_wp
+      do k = self%row_start(i), self%row_start(i + 1) - 1
+        j = self%column(k)
+        total = total + self%coefficient(k)*0.5_wp*(relative(i) + relative(j))*(head(j) - here)
+      end do
+      do k = self%boundary_start(i), self%boundary_start(i + 1) - 1
+        j = self%boundary_point(k)
+        if (self%boundary_is_head(k)) then
+          total = total + self%boundary_weight(k)*0.5_wp*(relative(i) + point_relative(j))* &
+                  (datum(j) - here)
+        else
+          total = total + self%boundary_weight(k)*datum(j)
+        end if
+      end do
+      rate(i) = total
+    end do
+  end subroutine head_operator_apply_relative
+
+  pure subroutine head_operator_linearise(self, head, datum, relative, slope, point_relative, &
+                                          unit_weight, entry, diagonal)
+    !! Kernel: derivative of `apply_relative` with respect to the particles' pressures.
+    class(head_operator_t), intent(in) :: self
+    real(wp), intent(in), contiguous :: head(:), datum(:)             !! as for `apply_relative`
+    real(wp), intent(in), contiguous :: relative(:), point_relative(:)
+    real(wp), intent(in), contiguous :: slope(:)     !! dk_r/du of particles [1/Pa]
+    real(wp), intent(in) :: unit_weight              !! gamma_w [N/m3]
+    real(wp), intent(out), contiguous :: entry(:)    !! like `coefficient` [1/(Pa s)]
+    real(wp), intent(out), contiguous :: diagonal(:) !! (n_row) [1/(Pa s)]
+    real(wp) :: mean
+    integer :: i, j, k
+
+    do i = 1, self%n_row
+      diagonal(i) = 0.0_wp
+      do k = self%row_start(i), self%row_start(i + 1) - 1
+        j = self%column(k)
+        mean = 0.5_wp*(relative(i) + relative(j))/unit_weight
+        entry(k) = self%coefficient(k)*(mean + 0.5_wp*slope(j)*(head(j) - head(i)))
+        diagonal(i) = diagonal(i) + self%coefficient(k)* &
+                      (0.5_wp*slope(i)*(head(j) - head(i)) - mean)
+      end do
+      do k = self%boundary_start(i), self%boundary_start(i + 1) - 1
+        if (.not. self%boundary_is_head(k)) cycle
+        j = self%boundary_point(k)
+        mean = 0.5_wp*(relative(i) + point_relative(j))/unit_weight
+        diagonal(i) = diagonal(i) + self%boundary_weight(k)* &
+                      (0.5_wp*slope(i)*(datum(j) - head(i)) - mean)
+      end do
+    end do
+  end subroutine head_operator_linearise
 
   pure subroutine head_operator_fit(self, i, position, spacing, radius, point_position, &
                                     point_normal, stencil, n_near, matrix, regular)

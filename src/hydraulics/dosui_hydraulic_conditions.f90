@@ -1,6 +1,10 @@
 !! What surface points prescribe to the water: a head, or an outward flux (no-flow is flux 0).
+!!
+!! Points of reservoirs, seepage faces and rainfall may switch between the two: `has_head` says
+!! which it is at present, and `dosui_seepage` decides.
 module dosui_hydraulic_conditions
   use dosui_kinds, only: wp
+  use dosui_dimension, only: ndim
   use dosui_head_operator, only: kind_flux, kind_head
   use dosui_scene, only: hydraulic_condition_t
   implicit none
@@ -10,6 +14,7 @@ module dosui_hydraulic_conditions
     integer, allocatable :: condition(:)   !! of each surface point, 0: no-flow by default
     integer, allocatable :: kind(:)        !! kind_head or kind_flux of each surface point
     real(wp), allocatable :: datum(:)      !! total head [m] or outward Darcy flux [m/s]
+    logical, allocatable :: may_switch(:)  !! of each surface point
   contains
     procedure :: init => hydraulic_conditions_init
     procedure :: set_time => hydraulic_conditions_set_time
@@ -17,55 +22,78 @@ module dosui_hydraulic_conditions
 
 contains
 
-  subroutine hydraulic_conditions_init(self, conditions, condition_surface, n_point, surface)
+  subroutine hydraulic_conditions_init(self, conditions, condition_surface, n_point, surface, &
+                                       has_head)
     !! Finds the condition of every surface point: the last one that names its surface.
     class(hydraulic_conditions_t), intent(inout) :: self
     type(hydraulic_condition_t), intent(in) :: conditions(:)
     integer, intent(in) :: condition_surface(size(conditions))   !! surface of each condition
     integer, intent(in) :: n_point
-    integer, intent(in) :: surface(n_point)                      !! 0: unnamed
+    integer, intent(in) :: surface(n_point)                      !! < 1: unnamed
+    logical, intent(in) :: has_head(n_point)                     !! of points that may switch
     integer :: p, c
 
-    if (allocated(self%condition)) deallocate (self%condition, self%kind, self%datum)
+    if (allocated(self%condition)) then
+      deallocate (self%condition, self%kind, self%datum, self%may_switch)
+    end if
     allocate (self%condition(n_point), source=0)
     allocate (self%kind(n_point), source=kind_flux)
     allocate (self%datum(n_point), source=0.0_wp)
+    allocate (self%may_switch(n_point), source=.false.)
     do p = 1, n_point
-      if (surface(p) == 0) cycle
+      if (surface(p) < 1) cycle
       do c = 1, size(conditions)
         if (condition_surface(c) == surface(p)) self%condition(p) = c
       end do
       c = self%condition(p)
       if (c == 0) cycle
-      if (conditions(c)%kind == 'head' .or. conditions(c)%kind == 'pressure') then
-        self%kind(p) = kind_head
-      end if
+      self%may_switch(p) = conditions(c)%may_switch()
+      if (conditions(c)%kind == 'head' .or. conditions(c)%kind == 'pressure' .or. &
+          (self%may_switch(p) .and. has_head(p))) self%kind(p) = kind_head
     end do
   end subroutine hydraulic_conditions_init
 
-  subroutine hydraulic_conditions_set_time(self, conditions, time, unit_weight, elevation)
+  subroutine hydraulic_conditions_set_time(self, conditions, time, unit_weight, elevation, &
+                                           position, normal)
     !! Sets the data of all surface points.
     class(hydraulic_conditions_t), intent(inout) :: self
     type(hydraulic_condition_t), intent(in) :: conditions(:)
-    real(wp), intent(in) :: time           !! [s]
-    real(wp), intent(in) :: unit_weight    !! gamma_w [N/m3]
-    real(wp), intent(in) :: elevation(:)   !! of the surface points [m]
-    real(wp) :: value(size(conditions))
+    real(wp), intent(in) :: time             !! [s]
+    real(wp), intent(in) :: unit_weight      !! gamma_w [N/m3]
+    real(wp), intent(in) :: elevation(:)     !! of the surface points [m]
+    real(wp), intent(in) :: position(:, :)   !! of the surface points [m]
+    real(wp), intent(in) :: normal(:, :)     !! outward [-]
+    real(wp) :: value, steady(size(conditions))
+    logical :: is_uniform(size(conditions))
     integer :: p, c
 
     do c = 1, size(conditions)
-      value(c) = conditions(c)%value*conditions(c)%factor%at(time)
+      is_uniform(c) = .not. allocated(conditions(c)%pattern%formula)
+      if (is_uniform(c)) steady(c) = conditions(c)%value*conditions(c)%pattern%factor%at(time)
     end do
     do p = 1, size(self%condition)
       c = self%condition(p)
       if (c == 0) cycle
-      if (conditions(c)%kind == 'pressure') then
-        self%datum(p) = value(c)/unit_weight + elevation(p)
-      else if (conditions(c)%kind == 'no_flow') then
-        self%datum(p) = 0.0_wp
+      if (is_uniform(c)) then
+        value = steady(c)
       else
-        self%datum(p) = value(c)
+        value = conditions(c)%value*conditions(c)%pattern%at(time, position(:, p))
       end if
+      select case (conditions(c)%kind)
+      case ('pressure')
+        self%datum(p) = value/unit_weight + elevation(p)
+      case ('head', 'flux')
+        self%datum(p) = value
+      case ('reservoir')
+        self%datum(p) = merge(max(value, elevation(p)), 0.0_wp, self%kind(p) == kind_head)
+      case ('seepage_face')
+        self%datum(p) = merge(elevation(p), 0.0_wp, self%kind(p) == kind_head)
+      case ('rainfall')
+        self%datum(p) = merge(elevation(p), -value*max(normal(ndim, p), 0.0_wp), &
+                              self%kind(p) == kind_head)
+      case default   ! no_flow
+        self%datum(p) = 0.0_wp
+      end select
     end do
   end subroutine hydraulic_conditions_set_time
 end module dosui_hydraulic_conditions

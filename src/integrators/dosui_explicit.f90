@@ -9,9 +9,11 @@ module dosui_explicit
   use dosui_error, only: error_t
   use dosui_model, only: model_t
   use dosui_scene, only: name_length
+  use dosui_seepage, only: seepage_t
   use dosui_skeleton_step, only: gather_forces, update_nodes, update_particles
   use dosui_super_time_stepping, only: stages_needed
   use dosui_time_control, only: step_limit_t
+  use dosui_topology, only: refresh_storage
   use dosui_water_step, only: update_pressure
   implicit none
   private
@@ -31,8 +33,24 @@ contains
       call update_nodes(model)
       call update_particles(model, err)
     end if
-    if (model%coupled) call update_pressure(model, drained)
+    if (.not. model%coupled) return
+    if (model%unsaturated) call refresh_storage(model)   ! it follows the pressures
+    call update_pressure(model, drained)
+    if (model%switching .and. drained) call review_surfaces(model)
   end subroutine explicit_step
+
+  subroutine review_surfaces(model)
+    !! Opens and closes seepage faces and the like after a step.
+    type(model_t), intent(inout) :: model
+    type(seepage_t) :: seepage
+    logical :: changed
+
+    call seepage%start_step(model)
+    associate (n => model%particles%count)
+      call seepage%review(model, model%clock%time + model%clock%dt, &
+                          model%particles%field(model%p%pore_pressure)%values(1, 1:n), changed)
+    end associate
+  end subroutine review_surfaces
 
   subroutine choose_explicit_step(model)
     !! Step from the named limits (numerics: 1/(1/t_d + 1/t_w) when the water takes one sub-step),

@@ -156,7 +156,7 @@ contains
           call logarithmic_strain(deformation(:, :, p)* &
                                   (mean*v0(1, p)/model%own_volume(p))**(1.0_wp/ndim), strain)
           call model%materials%item(model%material(p))%model%tangent( &
-            field(h%effective_stress)%values(:, p), model%state(:, p), tangent)
+            field(h%effective_stress)%values(:, p), model%no_state(:, p), tangent)
           field(h%effective_stress)%values(:, p) = matmul(tangent, strain)/mean
           field(h%volume)%values(1, p) = v0(1, p)*mean
           field(h%porosity)%values(1, p) = 1.0_wp - (1.0_wp - self%porosity(p))*self%volume(p)/ &

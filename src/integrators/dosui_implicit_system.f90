@@ -18,6 +18,7 @@ module dosui_implicit_system
   use dosui_error, only: error_t
   use dosui_finite_strain, only: geometric_stiffness, invert
   use dosui_model, only: model_t
+  use dosui_pore_water, only: compressibility_at
   use dosui_skeleton_step, only: light_node_mass
   use dosui_stiffness, only: cell_lists, cell_operators_t, cell_strain_operators, &
                              hourglass_operators
@@ -44,6 +45,7 @@ module dosui_implicit_system
     real(wp) :: tolerance = 1.0e-6_wp   !! of linear solutions [-]
     logical, private :: insists_on_direct = .false.   !! iterations have failed
     real(wp), allocatable, private :: storage(:)   !! entries of S
+    integer, allocatable, private :: storage_place(:, :)   !! (2, :) particles of those of S itself
     real(wp), allocatable, private :: flow(:)      !! entries of -VL, after those of S
     real(wp), allocatable, private :: coupling(:)  !! Schur complement beyond C, like storage
     real(wp), private :: flow_weight = -1.0_wp     !! a of the present entries [s]
@@ -57,6 +59,8 @@ module dosui_implicit_system
     procedure :: solve => implicit_solve
     procedure :: internal_forces => implicit_internal_forces
     procedure :: stored => implicit_stored
+    procedure :: stored_by_projection => implicit_stored_by_projection
+    procedure :: hourglass_forces => implicit_hourglass_forces
     procedure :: turn_direct => implicit_turn_direct
     procedure :: set_step => implicit_set_step
     procedure :: volume_change => implicit_volume_change
@@ -282,8 +286,11 @@ contains
     matrix = 0.0_wp
     do p = 1, size(particle)
       k = particle(p)
-      call model%materials%item(model%material(k))%model%tangent( &
-        model%particles%field(model%p%effective_stress)%values(:, k), model%state(:, k), tangent)
+      if (allocated(model%tangent)) then
+        tangent = model%tangent(:, :, k)
+      else
+        call elastic_tangent(model, k, tangent)
+      end if
       if (model%finite) then   ! D belongs to the Kirchhoff stress
         tangent = tangent*model%particles%field(model%p%reference_volume)%values(1, k)/ &
                   model%weight(k)
@@ -293,6 +300,7 @@ contains
     if (model%finite) call add_geometric(model, operators, particle, matrix)
     if (size(particle) == 1 .and. (model%centred .or. model%finite)) then
       m = ndim*2**ndim   ! the cell's corners come first in its list of nodes
+      if (allocated(model%tangent)) call elastic_tangent(model, particle(1), tangent)
       do p = 1, 2**ndim
         matrix(1:m, 1:m) = matrix(1:m, 1:m) + hourglass_stiffness/2**ndim* &
                            model%weight(particle(1))*product_of(hourglass(:, :, p), tangent)
@@ -330,6 +338,24 @@ contains
       sign_of = self%unknowns%sign(mod(column - 1, ndim) + 1, operators%node((column - 1)/ndim + 1))
     end function sign_of
   end subroutine add_stiffness
+
+  subroutine elastic_tangent(model, p, tangent)
+    !! Elastic stiffness of a particle [Pa].
+    type(model_t), intent(in) :: model
+    integer, intent(in) :: p
+    real(wp), intent(out) :: tangent(nsig, nsig)
+
+    associate (field => model%particles%field, h => model%p, &
+               material => model%materials%item(model%material(p))%model)
+      if (h%state > 0) then
+        call material%tangent(field(h%effective_stress)%values(:, p), &
+                              field(h%state)%values(:, p), tangent)
+      else
+        call material%tangent(field(h%effective_stress)%values(:, p), model%no_state(:, p), &
+                              tangent)
+      end if
+    end associate
+  end subroutine elastic_tangent
 
   subroutine add_geometric(model, operators, particle, matrix)
     !! What stresses and pressures of finite strains add to a cell's stiffness. With averaged
@@ -393,11 +419,20 @@ contains
     integer, intent(in) :: particle(:)   !! of the cell
     logical, intent(in) :: keeps_all     !! all columns are wanted later
     type(entries_t), intent(inout) :: pressure_force, volume_change
-    real(wp) :: share, sign
+    real(wp) :: share, sign, bearing, saturation
     integer :: p, i, k, a, node, row
 
+    bearing = 1.0_wp
+    saturation = 1.0_wp
     do p = 1, size(particle)
       k = particle(p)
+      if (model%unsaturated) then
+        associate (retention => model%retention(model%material(k)), &
+                   pressure => model%particles%field(model%p%pore_pressure)%values(1, k))
+          saturation = retention%saturation(pressure)
+          bearing = saturation + pressure*retention%capacity(pressure)
+        end associate
+      end if
       do i = 1, size(operators%volume, 1)
         share = model%weight(k)*operators%volume(i, p)
         if (.not. abs(share) > 0.0_wp) cycle
@@ -405,9 +440,10 @@ contains
         node = operators%node((i - 1)/ndim + 1)
         row = self%unknowns%row(a, node)
         sign = self%unknowns%sign(a, node)*self%length/self%volume
-        call volume_change%add(self%unknowns%particle_row(k), row, sign*share)
-        call pressure_force%add(row, self%unknowns%particle_row(k), -sign*share)
-        if (keeps_all) call self%held_water%add(k, place_of(operators, i), share/self%volume)
+        call volume_change%add(self%unknowns%particle_row(k), row, saturation*sign*share)
+        call pressure_force%add(row, self%unknowns%particle_row(k), -bearing*sign*share)
+        if (keeps_all) call self%held_water%add(k, place_of(operators, i), &
+                                                saturation*share/self%volume)
       end do
     end do
   end subroutine add_coupling
@@ -554,8 +590,10 @@ contains
       do e = 1, size(forces%entry_point)
         p = forces%entry_point(e)
         associate (condition => model%scene%mechanical_condition(forces%entry_condition(e)))
-          if (condition%kind /= 'pressure' .or. forces%cell(1, p) == 0) cycle
-          load = condition%value(1)*condition%factor%at(model%clock%time)* &
+          if (condition%kind /= 'pressure' .and. condition%kind /= 'reservoir') cycle
+          if (forces%cell(1, p) == 0) cycle
+          load = condition%pressure_at(model%clock%time, &
+                                       field(h%position_at_build)%values(:, p))* &
                  field(h%area)%values(1, p)
         end associate
         call surface_gradients(model, p, gradient)
@@ -602,13 +640,33 @@ contains
     type(model_t), intent(inout) :: model
     type(error_t), intent(inout) :: err
     type(entries_t) :: storage, coupling
-    real(wp) :: weight, diagonal
-    integer :: n_storage, i, k
+    integer :: n_storage
 
     call add_storage(self, model, storage, coupling)
+    if (model%nonlinear) self%storage_place = storage_places(self, storage)
+    if (model%unsaturated) call add_capacity(self, model, storage, coupling)
     n_storage = storage%n
     call coupling%finish()
     self%coupling = coupling%value*(self%pressure/self%volume)
+    if (model%unsaturated) then
+      call add_relative_flow(self, model, storage)
+    else
+      call add_flow(self, model, storage)
+    end if
+    call storage%finish()
+    self%storage = storage%value(1:n_storage)*(self%pressure/self%volume)
+    self%flow = storage%value(n_storage + 1:)*(self%pressure/self%volume)
+    call self%system%set_pattern(block_p, block_p, storage%row, storage%column, err)
+  end subroutine build_water
+
+  subroutine add_flow(self, model, storage)
+    !! Entries of -VL after those of S.
+    class(implicit_system_t), intent(in) :: self
+    type(model_t), intent(in) :: model
+    type(entries_t), intent(inout) :: storage
+    real(wp) :: weight, diagonal
+    integer :: i, k
+
     associate (operator => model%head_operator, row => self%unknowns%particle_row)
       do i = 1, operator%n_row
         weight = model%weight(i)/model%scene%water%unit_weight
@@ -623,11 +681,68 @@ contains
         call storage%add(row(i), row(i), weight*diagonal)
       end do
     end associate
-    call storage%finish()
-    self%storage = storage%value(1:n_storage)*(self%pressure/self%volume)
-    self%flow = storage%value(n_storage + 1:)*(self%pressure/self%volume)
-    call self%system%set_pattern(block_p, block_p, storage%row, storage%column, err)
-  end subroutine build_water
+  end subroutine add_flow
+
+  subroutine add_relative_flow(self, model, storage)
+    !! As `add_flow`, with the derivatives of relative conductivities, at the pressures at hand.
+    class(implicit_system_t), intent(in) :: self
+    type(model_t), intent(inout) :: model
+    type(entries_t), intent(inout) :: storage
+    real(wp), allocatable :: slope(:), entry(:), diagonal(:)
+    integer :: i, k, n
+
+    n = model%particles%count
+    associate (operator => model%head_operator, row => self%unknowns%particle_row)
+      allocate (slope(size(model%head)), source=0.0_wp)
+      allocate (entry(size(operator%coefficient)), diagonal(operator%n_row))
+      do i = 1, n
+        slope(i) = model%retention(model%material(i))%conductivity_slope( &
+                   model%particles%field(model%p%pore_pressure)%values(1, i))
+      end do
+      call model%particle_map%gather(model%comm, 1, slope)
+      call operator%linearise(model%head, model%hydraulic_conditions%datum, model%relative, slope, &
+                              model%point_relative, model%scene%water%unit_weight, entry, diagonal)
+      do i = 1, operator%n_row
+        do k = operator%row_start(i), operator%row_start(i + 1) - 1
+          call storage%add(row(i), row(operator%column(k)), -model%weight(i)*entry(k))
+        end do
+        call storage%add(row(i), row(i), -model%weight(i)*diagonal(i))
+      end do
+    end associate
+  end subroutine add_relative_flow
+
+  function storage_places(self, storage) result(place)
+    !! Owned particles of the entries of S, by which it can be applied without the linear solver.
+    class(implicit_system_t), intent(in) :: self
+    type(entries_t), intent(in) :: storage
+    integer, allocatable :: place(:, :)
+    integer :: k, first
+
+    allocate (place(2, storage%n))
+    if (storage%n == 0) return
+    first = minval(self%unknowns%particle_row(1:self%unknowns%n_p))
+    do k = 1, storage%n
+      place(:, k) = [storage%row(k), storage%column(k)] - first + 1
+    end do
+  end function storage_places
+
+  subroutine add_capacity(self, model, storage, coupling)
+    !! What the present pressures add to the compressibility that S was made with.
+    class(implicit_system_t), intent(in) :: self
+    type(model_t), intent(in) :: model
+    type(entries_t), intent(inout) :: storage, coupling
+    real(wp), allocatable :: added(:)
+    integer :: p, n
+
+    n = model%particles%count
+    added = compressibility_at(model, model%particles%field(model%p%pore_pressure)%values(1, 1:n)) &
+            - model%storage%compressibility
+    do p = 1, n
+      call storage%add(self%unknowns%particle_row(p), self%unknowns%particle_row(p), &
+                       model%weight(p)*added(p))
+      call coupling%add(self%unknowns%particle_row(p), self%unknowns%particle_row(p), 0.0_wp)
+    end do
+  end subroutine add_capacity
 
   subroutine add_storage(self, model, storage, coupling)
     !! Entries of S, block by block: the inverse of `storage_t%pressure_rate`. `coupling` has the
@@ -775,6 +890,61 @@ contains
     if (.not. err%failed()) call self%system%multiply(x, y, err)
     stored(1:n_p) = y(n_u + 1:)*self%volume
   end subroutine implicit_stored
+
+  subroutine implicit_stored_by_projection(self, model, pressure, stored)
+    !! S V p of increments of pressure, S as `build` found it, without what suction adds.
+    class(implicit_system_t), intent(in) :: self
+    type(model_t), intent(in) :: model
+    real(wp), intent(in) :: pressure(:)     !! of owned particles [Pa]
+    real(wp), intent(out) :: stored(:)      !! [m3]
+    integer :: k
+
+    stored = 0.0_wp
+    do k = 1, size(self%storage_place, 2)
+      associate (i => self%storage_place(1, k), j => self%storage_place(2, k))
+        stored(i) = stored(i) + self%storage(k)*(self%volume/self%pressure)*pressure(j)
+      end associate
+    end do
+  end subroutine implicit_stored_by_projection
+
+  subroutine implicit_hourglass_forces(self, model, motion, force)
+    !! Adds the forces by which cells with one particle resist hourglass modes of a motion.
+    !! Collective.
+    class(implicit_system_t), intent(in) :: self
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: motion(:, :)       !! (ndim, n_node) [m]
+    real(wp), intent(inout) :: force(:, :)     !! (ndim, n_node), complete [N]
+    real(wp) :: hourglass(nsig, ndim*2**ndim, 2**ndim), tangent(nsig, nsig)
+    real(wp) :: way(ndim*2**ndim), resistance(ndim*2**ndim)
+    real(wp), allocatable :: internal(:, :)
+    integer, allocatable :: start(:), particle(:)
+    integer :: c, i, p, k, node
+
+    if (.not. model%centred) return
+    call cell_lists(model%particles%count, model%cell, model%grid%n_cell, start, particle)
+    call hourglass_operators(model%grid%spacing, hourglass)
+    allocate (internal(ndim, model%grid%n_node), source=0.0_wp)
+    do c = 1, model%grid%n_cell
+      if (start(c + 1) - start(c) /= 1) cycle
+      k = particle(start(c))
+      do i = 1, 2**ndim
+        way(ndim*(i - 1) + 1:ndim*i) = motion(:, model%grid%cell_node(i, c))
+      end do
+      call elastic_tangent(model, k, tangent)
+      resistance = 0.0_wp
+      do p = 1, 2**ndim
+        resistance = resistance + hourglass_stiffness/2**ndim*model%weight(k)* &
+                     matmul(matmul(tangent, matmul(hourglass(:, :, p), way)), hourglass(:, :, p))
+      end do
+      do i = 1, 2**ndim
+        node = model%grid%cell_node(i, c)
+        internal(:, node) = internal(:, node) - resistance(ndim*(i - 1) + 1:ndim*i)
+      end do
+    end do
+    call model%grid%node_map%scatter_add(model%comm, ndim, internal)
+    call model%grid%node_map%gather(model%comm, ndim, internal)
+    force = force + internal
+  end subroutine implicit_hourglass_forces
 
   subroutine implicit_solve(self, model, flow_weight, force, time, prescribed, has_prescribed, &
                             supply, tolerance, is_guess, motion, pressure, err, without_loads)

@@ -63,7 +63,7 @@ contains
       choice%name = 'explicit'
       choice%reason = inertia//', and there is no water'
     else if (choice%explicit_steps > implicit_cost*choice%semi_implicit_steps .and. &
-             .not. any(scene%material%rigid)) then
+             .not. any(scene%material%rigid) .and. all(scene%material%retention == 'none')) then
       choice%name = 'semi_implicit'
       choice%reason = inertia//', and the water would force small steps'
     else
@@ -146,7 +146,7 @@ contains
       if (scene%initial_state(k)%mode_number > 0) reason = 'the body has an initial velocity'
     end do
     do k = 1, size(scene%mechanical_condition)
-      if (is_fast(scene%mechanical_condition(k)%factor)) then
+      if (is_fast(scene%mechanical_condition(k)%pattern%factor)) then
         reason = 'loads change as fast as waves travel'
       end if
     end do

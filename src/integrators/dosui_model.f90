@@ -2,6 +2,7 @@
 !! they touch, conditions, and (in coupled scenes only) the water's operators.
 module dosui_model
   use dosui_kinds, only: wp, i8
+  use dosui_barriers, only: barrier_face_t
   use dosui_cell_average, only: cell_average_t
   use dosui_cell_quadrature, only: cell_quadrature_t
   use dosui_communicator, only: communicator_t
@@ -16,6 +17,7 @@ module dosui_model
   use dosui_particle_fields, only: particle_handles_t, surface_handles_t
   use dosui_partition, only: partition_statistics_t
   use dosui_point_set, only: point_set_t
+  use dosui_retention, only: retention_t
   use dosui_scene, only: name_length, scene_t
   use dosui_sources, only: sources_t
   use dosui_storage, only: storage_t
@@ -53,6 +55,9 @@ module dosui_model
     logical :: rigid = .false.       !! skeleton does not move: mechanics is skipped
     logical :: updated = .false.     !! particles move, geometry follows
     logical :: finite = .false.      !! finite strains on a total Lagrangian grid
+    logical :: unsaturated = .false. !! suction empties pores
+    logical :: nonlinear = .false.   !! small-strain steps need Newton's iterations
+    logical :: switching = .false.   !! surface points may change between head and flux
     integer :: inverted = 0          !! a particle that lost all its volume; 0: none
     logical :: relaxing = .false.    !! an equilibrium is sought: particles keep their places
     logical :: averaged = .false.    !! volume change is averaged over cells
@@ -83,7 +88,8 @@ module dosui_model
     type(cell_quadrature_t) :: quadrature
     real(wp), allocatable :: strain_increment(:, :)   !! (nsig, particles) of the step [-]
     real(wp), allocatable :: spin(:, :)               !! (nshear, particles) in updated scenes [-]
-    real(wp), allocatable :: state(:, :)              !! state variables of the materials
+    real(wp), allocatable :: no_state(:, :)           !! (0, n) for materials without state
+    real(wp), allocatable :: tangent(:, :, :)         !! of stresses, nonlinear implicit steps [Pa]
     real(wp), allocatable :: inertia(:)               !! least inertia of nodes [kg]
     real(wp), allocatable :: weight(:)                !! of particles in integrals [m3]
     real(wp), allocatable :: volume_strain(:)         !! of the step, as the water sees it [-]
@@ -99,9 +105,13 @@ module dosui_model
     type(two_pass_operator_t) :: two_pass
     type(hydraulic_conditions_t) :: hydraulic_conditions
     type(surface_flux_t) :: surface_flux      !! measures the inflow
+    type(barrier_face_t), allocatable :: barrier(:)   !! faces that no water passes
     type(storage_t) :: storage
     real(wp), allocatable :: head(:)          !! of owned and ghost particles [m]
     real(wp), allocatable :: elevation(:)     !! likewise [m]
+    type(retention_t), allocatable :: retention(:)    !! of each material
+    real(wp), allocatable :: relative(:)      !! k_r of owned and ghost particles, with suction [-]
+    real(wp), allocatable :: point_relative(:)   !! k_r of surface points, likewise [-]
     real(wp) :: spacing = 0.0_wp              !! smallest particle spacing [m]
     real(wp) :: largest_row_sum = 0.0_wp      !! of this rank's head operator [1/(m s)]
     real(wp) :: diffusion_limit = huge(1.0_wp)   !! explicit limit of the water's diffusion [s]
@@ -119,6 +129,7 @@ module dosui_model
     integer, allocatable :: brick_rank(:)     !! ... and their owners
     integer :: brick_edge = 1                 !! cells along a brick's edge
     integer :: rebuilds = 0
+    integer(i8) :: switches = 0_i8            !! of surface points between head and flux
     integer(i8) :: removed = 0_i8             !! particles that left the domain
     real(wp) :: movement = 0.0_wp             !! bound of the way since the last build [m]
   end type model_t

@@ -15,12 +15,16 @@ module dosui_quasi_static
   use dosui_finite_state, only: finite_start_t
   use dosui_implicit_system, only: implicit_system_t
   use dosui_model, only: model_t
+  use dosui_pore_water, only: content_change, mean_saturation, wet_masses
   use dosui_scene, only: table_t
+  use dosui_seepage, only: seepage_t
   use dosui_skeleton_step, only: gather_forces, gather_loads, update_particles, zero_velocities
+  use dosui_small_state, only: small_start_t
   use dosui_text, only: to_text
   use dosui_time_control, only: step_limit_t
+  use dosui_topology, only: refresh_storage
   use dosui_water_balance, only: add_to_balance
-  use dosui_water_step, only: add_sources, surface_elevation, water_rate
+  use dosui_water_step, only: add_sources, prepare_flow, set_surface_data, water_rate
   implicit none
   private
 
@@ -28,6 +32,7 @@ module dosui_quasi_static
   real(wp), parameter :: error_constant = (-3.0_wp*gamma**2 + 4.0_wp*gamma - 2.0_wp)/ &
                          (12.0_wp*(2.0_wp - gamma))
   real(wp), parameter :: first_fraction = 1.0e-5_wp   !! of the run: the first step [-]
+  real(wp), parameter :: first_load = 1.0e-2_wp       !! likewise of dry soils that yield [-]
   real(wp), parameter :: reject_above = 1.5_wp        !! error over what is allowed [-]
   real(wp), parameter :: largest_growth = 2.0_wp, least_growth = 0.3_wp, safety = 0.9_wp
   real(wp), parameter :: worthwhile = 1.25_wp         !! growth that pays for a new factorisation
@@ -38,6 +43,9 @@ module dosui_quasi_static
   integer, parameter :: newton_limit = 25             !! iterations of one stage
   integer, parameter :: halvings = 10                 !! of an iteration that would crush a particle
   real(wp), parameter :: newton_tolerance = 1.0e-8_wp   !! last increments over all [-]
+  real(wp), parameter :: kink_tolerance = 1.0e-7_wp   !! likewise of small strains, with kinks [-]
+  real(wp), parameter :: swing = 0.7_wp               !! least growth of increments that swing [-]
+  real(wp), parameter :: least_relaxation = 0.125_wp  !! of their damping [-]
 
   type, public :: quasi_static_t
     type(implicit_system_t) :: system
@@ -46,6 +54,8 @@ module dosui_quasi_static
     integer :: n_newton = 0          !! iterations so far
     logical, private :: is_moved = .false.   !! the state is not that of the step's start
     type(finite_start_t), private :: start   !! of the present step, finite strains only
+    type(small_start_t), private :: small_start   !! likewise, nonlinear small strains
+    type(seepage_t), private :: seepage      !! surfaces that choose between head and flux
     real(wp), allocatable :: corner(:)   !! times at which a table changes its slope [s]
     real(wp), allocatable, private :: inflow(:)   !! of the last attempt, for the balance [m3]
   contains
@@ -54,8 +64,12 @@ module dosui_quasi_static
     procedure :: step => quasi_static_step
     procedure :: describe => quasi_static_describe
     procedure, private :: attempt
-    procedure, private :: finite_attempt
+    procedure, private :: newton_attempt
     procedure, private :: newton
+    procedure, private :: take_start
+    procedure, private :: move_from_start
+    procedure, private :: water_residual
+    procedure, private :: force_residual
     procedure, private :: advance_within
   end type quasi_static_t
 
@@ -67,7 +81,7 @@ contains
     type(model_t), intent(inout) :: model
     type(error_t), intent(inout) :: err
     real(wp), allocatable :: motion(:, :), pressure(:), supply(:)
-    integer :: c
+    integer :: c, n
 
     if (model%finite) then   ! what follows from the deformation gradients
       call allocate_increments(model, motion, pressure, supply)
@@ -75,17 +89,31 @@ contains
       call self%start%move(model, motion, err)
       if (err%failed()) return
     end if
+    if (model%unsaturated) then
+      n = model%particles%count
+      call prepare_linearisation(model, model%clock%time, &
+                                 model%particles%field(model%p%pore_pressure)%values(1, 1:n))
+    end if
+    if (allocated(model%tangent)) then   ! stiffness before the first increment
+      call allocate_increments(model, motion, pressure, supply)
+      call self%small_start%take(model)
+      model%clock%dt = 1.0_wp
+      call self%small_start%move(model, motion, err)
+      if (err%failed()) return
+    end if
     call model%timers%start(model%phase%assembly)
     call self%system%build(model, .false., err)
     call model%timers%stop(model%phase%assembly)
     self%corner = [real(wp) ::]
     do c = 1, size(model%scene%mechanical_condition)
-      call add_corners(model%scene%mechanical_condition(c)%factor)
+      call add_corners(model%scene%mechanical_condition(c)%pattern%factor)
     end do
     do c = 1, size(model%scene%hydraulic_condition)
-      call add_corners(model%scene%hydraulic_condition(c)%factor)
+      call add_corners(model%scene%hydraulic_condition(c)%pattern%factor)
     end do
-    if (.not. model%next_dt > 0.0_wp) model%next_dt = first_fraction*model%scene%time%end_time
+    if (.not. model%next_dt > 0.0_wp) then
+      model%next_dt = merge(first_fraction, first_load, model%coupled)*model%scene%time%end_time
+    end if
 
   contains
 
@@ -111,10 +139,14 @@ contains
     allocate (held, mold=motion)
     held = 0.0_wp
     call zero_velocities(model)
-    if (model%finite) then
-      call self%start%take(model)
+    if (model%finite .or. model%nonlinear) then
+      model%clock%dt = 1.0_wp
+      model%relaxing = .true.
+      call self%take_start(model)
       call self%newton(model, model%clock%time, 0.0_wp, supply, .false., motion, pressure, err)
+      model%relaxing = .false.
       if (err%failed()) return
+      call zero_velocities(model)
       if (model%coupled) then
         call add_pressure(model, pressure)
         model%pressure_scale = max(model%pressure_scale, root_mean_square(model, pressure))
@@ -159,18 +191,21 @@ contains
     real(wp), allocatable :: motion(:, :), pressure(:)
     real(wp) :: error_norm, growth
     integer :: k, failures
+    logical :: changed
 
     failures = 0
+    call self%seepage%start_step(model)
+    if (model%unsaturated) call refresh_storage(model)   ! it follows the pressures
     do k = 1, attempts
       limits(1)%name = 'accuracy'
       limits(1)%dt = model%next_dt
-      if (.not. model%coupled) limits(1)%dt = model%scene%time%end_time
+      if (.not. (model%coupled .or. model%nonlinear)) limits(1)%dt = model%scene%time%end_time
       call model%clock%choose_step(model%scene%time, limits)
       call stop_at_corner(self, model)
       call model%clock%round_step()
       failure = error_t()
-      if (model%finite) then
-        call self%finite_attempt(model, motion, pressure, error_norm, failure)
+      if (model%finite .or. model%nonlinear) then
+        call self%newton_attempt(model, motion, pressure, error_norm, failure)
       else
         call self%attempt(model, motion, pressure, error_norm, failure)
       end if
@@ -183,7 +218,7 @@ contains
         end if
         model%next_dt = 0.25_wp*model%clock%dt
         failures = failures + 1
-        if (.not. model%coupled .or. failures == solver_attempts) then
+        if (.not. (model%coupled .or. model%nonlinear) .or. failures == solver_attempts) then
           call err%set('quasi-static step at t = '//to_text(model%clock%time)//' s: '// &
                        failure%message)
           return
@@ -191,6 +226,19 @@ contains
         call model%log%warning(failure%message//'; step repeated with dt = '// &
                                to_text(model%next_dt)//' s')
         cycle
+      end if
+      if (model%switching) then
+        associate (start => model%particles%field(model%p%pore_pressure)%values)
+          call self%seepage%review(model, model%clock%time + model%clock%dt, &
+                                   start(1, 1:size(pressure)) + pressure, changed)
+        end associate
+        if (changed) then
+          if (.not. (model%finite .or. model%nonlinear)) then
+            call self%system%build(model, .false., err)
+          end if
+          if (err%failed()) return
+          cycle
+        end if
       end if
       growth = largest_growth
       if (error_norm > 0.0_wp) growth = safety*error_norm**(-1.0_wp/3.0_wp)
@@ -331,9 +379,10 @@ contains
     end subroutine solve_stage
   end subroutine attempt
 
-  subroutine finite_attempt(self, model, motion, pressure, error_norm, err)
-    !! As `attempt`, for finite strains. The flow of a stage belongs to its own places. Afterwards
-    !! the state is that of the step's end, or, after a failure, that of its start.
+  subroutine newton_attempt(self, model, motion, pressure, error_norm, err)
+    !! As `attempt`, by Newton's iterations. The flow of a stage belongs to its own places. The
+    !! state (but for the pressures) is then that of the step's end or of a failed iteration; the
+    !! next attempt starts from where this one did.
     class(quasi_static_t), intent(inout) :: self
     type(model_t), intent(inout) :: model
     real(wp), allocatable, intent(inout) :: motion(:, :)   !! of the nodes [m]
@@ -349,8 +398,8 @@ contains
     a = 0.5_wp*gamma*dt
     error_norm = 0.0_wp
     call allocate_increments(model, motion, pressure, supply)
-    if (self%is_moved) call self%start%move(model, motion, err)   ! a step that was rejected
-    call self%start%take(model)
+    if (self%is_moved) call self%move_from_start(model, motion, err)   ! a step that was rejected
+    call self%take_start(model)
     self%is_moved = .true.
     if (.not. model%coupled) then
       call self%newton(model, t + dt, a, supply, .false., motion, pressure, err)
@@ -374,10 +423,10 @@ contains
     call find_flow(model, t + dt, start + pressure, flow(:, 3), inflow(:, 3))
     self%inflow = a*((inflow(:, 1) + inflow(:, 2))/(gamma*(2.0_wp - gamma)) + inflow(:, 3))
     call estimate_error(self, model, dt, a, flow, start, pressure, error_norm, err)
-  end subroutine finite_attempt
+  end subroutine newton_attempt
 
   subroutine newton(self, model, time, a, supply, is_guess, motion, pressure, err)
-    !! Solves one stage of finite strains, from the guess that motion and pressure may hold:
+    !! Solves one stage by Newton's iterations, from the guess that motion and pressure may hold:
     !! forces are in balance, and water content changes by supply + a F. Collective.
     class(quasi_static_t), intent(inout) :: self
     type(model_t), intent(inout) :: model
@@ -388,46 +437,44 @@ contains
     real(wp), intent(inout) :: motion(:, :)   !! since the start [m]
     real(wp), intent(inout) :: pressure(:)    !! since the start [Pa]
     type(error_t), intent(inout) :: err
-    real(wp), allocatable :: held(:, :), none(:, :), force(:, :), water(:), start(:), stored(:)
+    real(wp), allocatable :: held(:, :), none(:, :), force(:, :), water(:), start(:)
     real(wp), allocatable :: step(:, :), pressure_step(:)
-    real(wp) :: scale, change, t
+    real(wp) :: scale, change, last_change, relaxation, t
     integer :: k, n
-    logical :: has_held, is_last
+    logical :: has_held, damps
 
     n = model%particles%count
     allocate (held, none, step, mold=motion)
     none = 0.0_wp
-    allocate (water(n), stored(n), pressure_step(n), start(n), source=0.0_wp)
+    allocate (water(n), pressure_step(n), start(n), source=0.0_wp)
     if (model%coupled) start = model%particles%field(model%p%pore_pressure)%values(1, 1:n)
-    call self%system%unknowns%prescribe(model, model%clock%time, time, held, has_held)
+    damps = .not. model%finite
+    relaxation = 1.0_wp
+    last_change = huge(1.0_wp)
+    held = 0.0_wp
+    has_held = .false.
+    if (.not. model%rigid) then
+      call self%system%unknowns%prescribe(model, model%clock%time, time, held, has_held)
+    end if
     if (is_guess) then   ! else the first iteration distributes it over the body
-      motion = merge(held, motion, self%system%unknowns%is_held)
+      if (has_held) motion = merge(held, motion, self%system%unknowns%is_held)
       has_held = .false.
     end if
-    call self%start%move(model, motion, err)
-    is_last = .false.
+    call self%move_from_start(model, motion, err)
     do k = 1, newton_limit
       if (err%failed()) return
       call model%timers%start(model%phase%assembly)
       call add_pressure(model, pressure)   ! its forces turn with the body
       t = model%clock%time
       model%clock%time = time
+      if (model%unsaturated) call prepare_linearisation(model, time, start + pressure)
       call self%system%build(model, .false., err)
+      call model%timers%stop(model%phase%assembly)
+      call self%force_residual(model, start + pressure, motion, force)
       model%clock%time = t
       call add_pressure(model, -pressure)
-      call model%timers%stop(model%phase%assembly)
-      if (model%coupled) then
-        call find_flow(model, time, start, water)
-        call self%system%stored(model, a, pressure, stored, err)
-        water = supply + a*water - stored - &
-                (model%particles%field(model%p%volume)%values(1, 1:n) - self%start%volume)
-      end if
-      t = model%clock%time
-      model%clock%time = time
-      call gather_loads(model)
-      model%clock%time = t
-      force = model%nodal(2 + ndim:, :)
-      call self%system%internal_forces(model, start + pressure, force)
+      if (model%coupled) call self%water_residual(model, time, a, supply, start, pressure, water, &
+                                                  err)
       call model%timers%start(model%phase%solver)
       call self%system%solve(model, a, force, time, merge(held, none, has_held), has_held, &
                              water, direct_tolerance(self), .false., step, pressure_step, err)
@@ -435,6 +482,10 @@ contains
       call model%timers%stop(model%phase%solver)
       if (err%failed()) return
       self%n_newton = self%n_newton + 1
+      if (damps) then   ! halved while they swing about a kink of suction or strength
+        step = relaxation*step
+        pressure_step = relaxation*pressure_step
+      end if
       call self%advance_within(model, step, pressure_step, motion, pressure, err)
       associate (displacement => model%particles%field(model%p%displacement)%values)
         scale = model%comm%maximum(max(maxval(abs(motion)), maxval(abs(displacement)))) + &
@@ -443,13 +494,108 @@ contains
       change = model%comm%maximum(maxval(abs(step)))/scale
       if (model%coupled) then
         scale = model%comm%maximum(maxval(abs(start + pressure))) + model%pressure_scale + &
-                newton_tolerance*model%skeleton_modulus
+                newton_tolerance*self%system%pressure
         change = max(change, model%comm%maximum(maxval(abs(pressure_step)))/scale)
       end if
-      if (change <= newton_tolerance .and. .not. err%failed()) return
+      if (damps) then
+        change = change/relaxation
+        relaxation = min(1.0_wp, 2.0_wp*relaxation)
+        if (k > 2 .and. change > swing*last_change) relaxation = max(least_relaxation, &
+                                                                     0.25_wp*relaxation)
+        last_change = change
+      end if
+      if (change <= merge(kink_tolerance, newton_tolerance, damps) .and. .not. err%failed()) return
     end do
     call err%set('Newton''s iterations do not converge (last change '//to_text(change)//')')
   end subroutine newton
+
+  subroutine prepare_linearisation(model, time, pressure)
+    !! Heads, relative conductivities and surface data that the equations are linearised at.
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: time          !! [s]
+    real(wp), intent(in) :: pressure(:)   !! of the particles [Pa]
+
+    call set_surface_data(model, time)
+    call prepare_flow(model, pressure)
+  end subroutine prepare_linearisation
+
+  subroutine take_start(self, model)
+    !! Keeps the state that a step starts from.
+    class(quasi_static_t), intent(inout) :: self
+    type(model_t), intent(in) :: model
+
+    if (model%finite) then
+      call self%start%take(model)
+    else if (.not. model%rigid) then
+      call self%small_start%take(model)
+    end if
+  end subroutine take_start
+
+  subroutine move_from_start(self, model, motion, err)
+    !! Puts the model where a motion of the nodes since the start brings it. Collective.
+    class(quasi_static_t), intent(in) :: self
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: motion(:, :)   !! [m]
+    type(error_t), intent(inout) :: err
+
+    if (model%finite) then
+      call self%start%move(model, motion, err)
+    else if (.not. model%rigid) then
+      call self%small_start%move(model, motion, err)
+    end if
+  end subroutine move_from_start
+
+  subroutine water_residual(self, model, time, a, supply, start, pressure, water, err)
+    !! Water that a stage's trial state lacks: supply + a F - stored - squeezed [m3]. Collective.
+    class(quasi_static_t), intent(inout) :: self
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: time, a            !! of the stage [s]
+    real(wp), intent(in) :: supply(:)          !! [m3]
+    real(wp), intent(in) :: start(:)           !! pressures at the step's start [Pa]
+    real(wp), intent(in) :: pressure(:)        !! since then [Pa]
+    real(wp), intent(inout) :: water(:)
+    type(error_t), intent(inout) :: err
+    real(wp) :: stored(size(water))
+
+    if (model%finite) then
+      call find_flow(model, time, start, water)
+      call self%system%stored(model, a, pressure, stored, err)
+      water = supply + a*water - stored - &
+              (model%particles%field(model%p%volume)%values(1, 1:size(water)) - self%start%volume)
+      return
+    end if
+    call find_flow(model, time, start + pressure, water)
+    call self%system%stored_by_projection(model, pressure, stored)
+    water = supply + a*water - stored - model%weight* &
+            (content_change(model, start, start + pressure) - &
+             model%storage%compressibility*pressure)
+    if (model%rigid) return
+    water = water - model%weight*model%volume_strain* &
+            mean_saturation(model, start, start + pressure)
+  end subroutine water_residual
+
+  subroutine force_residual(self, model, pressure, motion, force)
+    !! Complete nodal forces of a trial state, whose pressures are at hand [N]. Collective.
+    class(quasi_static_t), intent(inout) :: self
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: pressure(:)               !! of the particles [Pa]
+    real(wp), intent(in) :: motion(:, :)              !! of the nodes since the start [m]
+    real(wp), allocatable, intent(inout) :: force(:, :)
+
+    if (model%rigid) then
+      force = 0.0_wp*motion
+      return
+    end if
+    if (model%finite) then
+      call gather_loads(model)
+      force = model%nodal(2 + ndim:, :)
+      call self%system%internal_forces(model, pressure, force)
+    else
+      call gather_forces(model)
+      force = model%nodal(2 + ndim:, :)
+      call self%system%hourglass_forces(model, motion, force)
+    end if
+  end subroutine force_residual
 
   subroutine advance_within(self, model, step, pressure_step, motion, pressure, err)
     !! Adds an increment, or as large a part of it as leaves every particle a volume. Collective.
@@ -463,7 +609,7 @@ contains
 
     do k = 1, halvings
       failure = error_t()
-      call self%start%move(model, motion + step, failure)
+      call self%move_from_start(model, motion + step, failure)
       if (.not. failure%failed()) exit
       step = 0.5_wp*step
       pressure_step = 0.5_wp*pressure_step
@@ -513,17 +659,21 @@ contains
     real(wp), intent(in) :: motion(:, :)   !! of the nodes [m]
     real(wp), intent(in) :: pressure(:)    !! increments [Pa]
     type(error_t), intent(inout) :: err
+    real(wp), allocatable :: before(:)
 
     if (model%finite) then
       call finish_finite(self, model)
+    else if (model%nonlinear) then
+      self%is_moved = .false.   ! the state is there already
     else if (size(motion) > 0 .and. .not. model%rigid) then
       call zero_velocities(model)
       call move(model, motion/model%clock%dt, err)
     end if
-    if (model%coupled) then
-      call add_pressure(model, pressure)
-      call add_to_balance(model, self%inflow, pressure)
-    end if
+    if (.not. model%coupled) return
+    before = model%particles%field(model%p%pore_pressure)%values(1, 1:size(pressure))
+    call add_pressure(model, pressure)
+    call add_to_balance(model, self%inflow, before, before + pressure)
+    call wet_masses(model, before, before + pressure)
   end subroutine accept
 
   subroutine finish_finite(self, model)
@@ -578,12 +728,9 @@ contains
     real(wp), intent(out) :: flow(:)
     real(wp), intent(out), optional :: inflow(:)    !! through surfaces, for the balance [m3/s]
     real(wp) :: through(size(model%balance%inflow))
-    real(wp), allocatable :: elevation(:)
 
     call model%timers%start(model%phase%water)
-    call surface_elevation(model, elevation)
-    call model%hydraulic_conditions%set_time(model%scene%hydraulic_condition, time, &
-                                             model%scene%water%unit_weight, elevation)
+    call set_surface_data(model, time)
     call water_rate(model, pressure, flow)
     call add_sources(model, time, flow, through)
     if (present(inflow)) inflow = through

@@ -14,11 +14,12 @@ module dosui_semi_implicit
   use dosui_explicit, only: damping_limit, fastest_particle
   use dosui_implicit_system, only: implicit_system_t
   use dosui_model, only: model_t
+  use dosui_seepage, only: seepage_t
   use dosui_skeleton_step, only: gather_forces, update_nodes, update_particles
   use dosui_text, only: to_text
   use dosui_time_control, only: step_limit_t
   use dosui_water_balance, only: add_to_balance
-  use dosui_water_step, only: add_sources, surface_elevation, water_rate
+  use dosui_water_step, only: add_sources, set_surface_data, water_rate
   implicit none
   private
 
@@ -47,7 +48,9 @@ contains
     type(model_t), intent(inout) :: model
     type(error_t), intent(inout) :: err
     type(error_t) :: failure
-    real(wp), allocatable :: pressure(:), rate(:), inflow(:)
+    real(wp), allocatable :: before(:), pressure(:), rate(:), inflow(:)
+    type(seepage_t) :: seepage
+    logical :: changed
     integer :: k, n
 
     n = model%particles%count
@@ -68,14 +71,18 @@ contains
                              to_text(model%clock%dt)//' s')
     end do
     associate (values => model%particles%field(model%p%pore_pressure)%values)
-      values(1, 1:n) = values(1, 1:n) + pressure
+      before = values(1, 1:n)
+      values(1, 1:n) = before + pressure
     end associate
     call update_particles(model, err)
     allocate (rate(n), source=0.0_wp)   ! the balance needs the flow with the new pressures
     allocate (inflow(size(model%balance%inflow)))
     call water_rate(model, model%particles%field(model%p%pore_pressure)%values(1, 1:n), rate)
     call add_sources(model, model%clock%time + model%clock%dt, rate, inflow)
-    call add_to_balance(model, model%clock%dt*inflow, pressure)
+    call add_to_balance(model, model%clock%dt*inflow, before, before + pressure)
+    if (.not. model%switching) return
+    call seepage%start_step(model)
+    call seepage%review(model, model%clock%time + model%clock%dt, before + pressure, changed)
   end subroutine semi_implicit_step
 
   subroutine find_pressure(self, model, pressure, err)
@@ -125,17 +132,14 @@ contains
     !! Water that flows into each particle in the step at the pressures of t_n [m3].
     type(model_t), intent(inout) :: model
     real(wp), intent(inout) :: supply(:)
-    real(wp), allocatable :: elevation(:), pressure(:)
+    real(wp), allocatable :: pressure(:)
     real(wp) :: inflow(size(model%balance%inflow))
     integer :: n
 
     call model%timers%start(model%phase%water)
     n = size(supply)
     pressure = model%particles%field(model%p%pore_pressure)%values(1, 1:n)
-    call surface_elevation(model, elevation)
-    call model%hydraulic_conditions%set_time(model%scene%hydraulic_condition, &
-                                             model%clock%time + model%clock%dt, &
-                                             model%scene%water%unit_weight, elevation)
+    call set_surface_data(model, model%clock%time + model%clock%dt)
     call water_rate(model, pressure, supply)
     call add_sources(model, model%clock%time + model%clock%dt, supply, inflow)
     supply = model%clock%dt*model%weight*supply

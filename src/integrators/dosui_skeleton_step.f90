@@ -8,6 +8,7 @@ module dosui_skeleton_step
   use dosui_grid_to_particle, only: grid_to_particles
   use dosui_model, only: model_t
   use dosui_particle_to_grid, only: particles_to_grid
+  use dosui_pore_water, only: bearing_pressure
   use dosui_stress_update, only: update_stress, update_volume
   implicit none
   private
@@ -115,8 +116,14 @@ contains
     type(model_t), intent(inout) :: model
     real(wp), intent(out) :: pressure(:)
 
-    call cell_sums(model%particles%count, model%cell, model%weight, &
-                   model%particles%field(model%p%pore_pressure)%values, model%grid%n_cell, pressure)
+    if (model%unsaturated) then
+      call cell_sums(model%particles%count, model%cell, model%weight, bearing_pressure(model), &
+                     model%grid%n_cell, pressure)
+    else
+      call cell_sums(model%particles%count, model%cell, model%weight, &
+                     model%particles%field(model%p%pore_pressure)%values, model%grid%n_cell, &
+                     pressure)
+    end if
     call model%average%cell_means(model%comm, model%grid, 1, pressure)
   end subroutine mean_cell_pressures
 
@@ -124,10 +131,14 @@ contains
     !! Particles to grid without averages: every particle's own stress and pressure.
     type(model_t), intent(inout) :: model
     real(wp), intent(in) :: gravity(ndim)   !! [m/s2]
+    real(wp), allocatable :: pressure(:, :)
 
-    if (model%coupled) then
-      associate (pressure => model%particles%field(model%p%pore_pressure)%values)
-        call spread_particles(model, gravity, pore_pressure=pressure(1, :))
+    if (model%unsaturated) then
+      pressure = bearing_pressure(model)
+      call spread_particles(model, gravity, pore_pressure=pressure(1, :))
+    else if (model%coupled) then
+      associate (pore_pressure => model%particles%field(model%p%pore_pressure)%values)
+        call spread_particles(model, gravity, pore_pressure=pore_pressure(1, :))
       end associate
     else
       call spread_particles(model, gravity)
@@ -172,10 +183,13 @@ contains
   subroutine add_surface_forces(model)
     !! Tractions and penalty walls.
     type(model_t), intent(inout) :: model
+    integer :: place
 
+    place = merge(model%s%position_at_build, model%s%position, model%finite)
     associate (field => model%surface%field, h => model%s, n => model%surface%count)
       call model%surface_forces%apply(model%comm, model%scene%mechanical_condition, &
                                       model%clock%time, field(h%area)%values(1, 1:n), &
+                                      field(place)%values(:, 1:n), &
                                       field(h%normal)%values(:, 1:n), &
                                       field(h%displacement)%values(:, 1:n), &
                                       field(h%velocity)%values(:, 1:n), model%nodal(2 + ndim:, :))
@@ -268,9 +282,11 @@ contains
     end if
     call find_volume_strain(model, cell_strain)
     associate (field => model%particles%field, h => model%p, n => model%particles%count)
-      call update_stress(model%materials, n, model%material, model%strain_increment, &
-                         field(h%effective_stress)%values, model%state, err, cell=model%cell, &
-                         cell_volume_strain=cell_strain, cell_shift=shift, spin=model%spin)
+      if (h%state > 0) then
+        call update_with(field(h%state)%values)
+      else
+        call update_with(model%no_state)
+      end if
       if (model%updated) then
         call update_volume(n, model%strain_increment, field(h%volume)%values, &
                            field(h%porosity)%values, n_inverted, cell=model%cell, &
@@ -280,6 +296,19 @@ contains
     end associate
     call model%timers%stop(model%phase%stress)
     call move_surface(model)
+
+  contains
+
+    subroutine update_with(state)
+      !! Stresses with these state variables.
+      real(wp), intent(inout) :: state(:, :)
+
+      call update_stress(model%materials, model%particles%count, model%material, &
+                         model%strain_increment, &
+                         model%particles%field(model%p%effective_stress)%values, state, err, &
+                         cell=model%cell, cell_volume_strain=cell_strain, cell_shift=shift, &
+                         spin=model%spin, tangent=model%tangent)
+    end subroutine update_with
   end subroutine update_particles
 
   subroutine move_particles(model)

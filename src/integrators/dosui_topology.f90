@@ -3,6 +3,7 @@
 module dosui_topology
   use dosui_kinds, only: wp, i8
   use dosui_dimension, only: ndim, nsig, nshear
+  use dosui_barriers, only: cut_neighbours, cut_points
   use dosui_cell_average, only: cell_sums
   use dosui_error, only: error_t
   use dosui_ghosts, only: find_ghosts
@@ -14,9 +15,10 @@ module dosui_topology
   use dosui_particle_to_grid, only: particles_to_grid
   use dosui_partition, only: partition_bricks
   use dosui_point_set, only: cell_order, point_set_t
+  use dosui_pore_water, only: compressibility_at
   use dosui_shape_functions, only: shape_kind_of, shape_shift
   use dosui_sort, only: binary_search
-  use dosui_water_step, only: surface_elevation
+  use dosui_water_step, only: set_surface_data
   implicit none
   private
 
@@ -274,7 +276,7 @@ contains
     if (allocated(model%patch)) then
       deallocate (model%patch, model%cell, model%surface_cell, model%nodal, model%velocity_old, &
                   model%velocity, model%strain_increment, model%material, &
-                  model%state)
+                  model%no_state)
     end if
     if (allocated(model%spin)) deallocate (model%spin)
     if (allocated(model%volume_strain)) deallocate (model%volume_strain)
@@ -285,7 +287,10 @@ contains
     allocate (model%velocity_old(ndim, model%grid%n_node), source=0.0_wp)
     allocate (model%velocity(ndim, model%grid%n_node), source=0.0_wp)
     allocate (model%strain_increment(nsig, n), source=0.0_wp)
-    allocate (model%state(model%materials%n_state(), n), source=0.0_wp)
+    allocate (model%no_state(0, n))
+    if (allocated(model%tangent)) deallocate (model%tangent)
+    if (model%integrator == 'quasi_static' .and. model%materials%is_nonlinear() .and. &
+        .not. model%rigid) allocate (model%tangent(nsig, nsig, n), source=0.0_wp)
     if (model%coupled) allocate (model%volume_strain(n), source=0.0_wp)
     if (model%updated) allocate (model%spin(nshear, n), source=0.0_wp)
     model%material = nint(model%particles%field(model%p%material)%values(1, 1:n))
@@ -413,6 +418,7 @@ contains
 
     fitted = .true.
     do p = 1, model%surface%count
+      if (model%surface%field(model%s%surface)%values(1, p) < 0.0_wp) cycle   ! a barrier
       fitted = fitted .and. lies_on_nodes(model, model%s%position, p)
     end do
     fitted = model%comm%all(fitted)
@@ -464,8 +470,8 @@ contains
         associate (condition => model%scene%mechanical_condition(c))
           if (model%scene%surface(nint(max(1.0_wp, &
                model%surface%field(model%s%surface)%values(1, p))))%name /= condition%surface) cycle
-          if (nint(model%surface%field(model%s%surface)%values(1, p)) == 0) cycle
-          if (condition%kind == 'traction' .or. condition%kind == 'pressure') then
+          if (nint(model%surface%field(model%s%surface)%values(1, p)) < 1) cycle
+          if (condition%is_load()) then
             model%by_force(c, p) = .true.
           else
             model%on_nodes(c, p) = condition%imposition == 'nodes' .or. &
@@ -483,7 +489,7 @@ contains
     integer, intent(in) :: handle   !! positions that the geometry is built from
     integer, allocatable :: row_start(:), neighbour(:), point_start(:), point_neighbour(:)
     integer, allocatable :: patch(:), surface(:)
-    real(wp), allocatable :: elevation(:)
+    logical, allocatable :: has_head(:)
     real(wp) :: radius
     integer :: n, n_local, m, m_local, surface_handle
 
@@ -508,12 +514,17 @@ contains
       call build_neighbours(n, x(:, 1:n), m_local, xs(:, 1:m_local), radius, point_start, &
                             point_neighbour, skip_self=.false.)
       surface = nint(field(model%s%surface)%values(1, 1:m_local))
+      if (allocated(model%barrier)) then
+        call cut_neighbours(model%barrier, x(:, 1:n), x(:, 1:n_local), row_start, neighbour)
+        call cut_points(model%barrier, max(-surface, 0), x(:, 1:n), xs(:, 1:m_local), &
+                        field(model%s%normal)%values(:, 1:m_local), point_start, point_neighbour)
+      end if
       patch = nint(field(model%s%patch)%values(1, 1:m_local))
+      allocate (has_head(m_local), source=.false.)
+      if (model%switching) has_head = field(model%s%has_head)%values(1, 1:m_local) > 0.5_wp
       call model%hydraulic_conditions%init(model%scene%hydraulic_condition, &
-                                           model%condition_surface, m_local, surface)
-      call surface_elevation(model, elevation)
-      call model%hydraulic_conditions%set_time(model%scene%hydraulic_condition, model%clock%time, &
-                                               model%scene%water%unit_weight, elevation)
+                                           model%condition_surface, m_local, surface, has_head)
+      call set_surface_data(model, model%clock%time)
       if (model%scene%water%operator == 'two_pass') then
         call model%two_pass%build(n, x(:, 1:n_local), &
                                   k(1, 1:n_local), &
@@ -531,7 +542,11 @@ contains
       call model%surface_flux%build(model%comm, model%head_operator, x(:, 1:n_local), &
                                     k(1, 1:n_local), model%spacing, &
                                     model%scene%water%support_radius, model%surface_map, &
-                                    xs(:, 1:m_local), field(model%s%normal)%values(:, 1:m_local))
+                                    xs(:, 1:m_local), field(model%s%normal)%values(:, 1:m_local), &
+                                    model%hydraulic_conditions%kind, &
+                                    model%hydraulic_conditions%kind == kind_head .or. &
+                                    model%hydraulic_conditions%may_switch, point_start, &
+                                    point_neighbour)
     end associate
     model%largest_row_sum = model%head_operator%largest_row_sum()
     call refresh_storage(model)
@@ -565,9 +580,10 @@ contains
 
     n = model%particles%count
     allocate (compressibility(n), softness(n))
+    associate (pressure => model%particles%field(model%p%pore_pressure)%values)
+      compressibility = compressibility_at(model, pressure(1, 1:n))
+    end associate
     do p = 1, n
-      compressibility(p) = model%particles%field(model%p%porosity)%values(1, p)/ &
-                           model%scene%water%bulk_modulus
       softness(p) = 0.0_wp
       if (.not. model%rigid) then
         softness(p) = 1.0_wp/model%materials%item(model%material(p))%model%constrained_modulus()

@@ -169,7 +169,7 @@ contains
       if (.not. self%plate_is_mine(slot)) cycle
       associate (condition => &
                  model%scene%mechanical_condition(model%nodal_conditions%plate_condition(slot)))
-        load = condition%value(1)*condition%factor%at(time)
+        load = condition%value(1)*condition%pattern%factor%at(time)
         if (present(without_loads)) load = merge(0.0_wp, load, without_loads)
         rows(self%plate_row(slot) - first + 1) = plate(slot) - load
       end associate
@@ -242,7 +242,7 @@ contains
       do k = 1, set%n_constraint
         if (.not. self%is_held(set%direction(k), set%node(k))) cycle
         associate (condition => model%scene%mechanical_condition(set%condition(k)))
-          way = condition%factor%integral(to) - condition%factor%integral(from)
+          way = condition%pattern%factor%integral(to) - condition%pattern%factor%integral(from)
           select case (condition%kind)
           case ('velocity')
             motion(set%direction(k), set%node(k)) = condition%value(set%direction(k))*way

@@ -7,10 +7,11 @@ module dosui_water_balance
   use dosui_kinds, only: wp
   use dosui_head_operator, only: kind_flux
   use dosui_model, only: model_t
+  use dosui_pore_water, only: content_change, mean_saturation
   implicit none
   private
 
-  public :: inflow_rate, add_to_balance, balance_sums, balance_error
+  public :: inflow_rate, surface_values, add_to_balance, balance_sums, balance_error
 
 contains
 
@@ -25,11 +26,11 @@ contains
 
     rate = 0.0_wp
     rate(size(rate)) = supply
-    call model%surface_flux%apply(model%head_operator, model%head, &
-                                  model%hydraulic_conditions%datum, flux)
+    call surface_values(model, flux)
     associate (area => model%surface%field(model%s%area)%values, &
                conditions => model%hydraulic_conditions)
       do e = 1, model%surface_flux%n
+        if (.not. model%surface_flux%is_head(e)) cycle
         p = model%surface_flux%point(e)
         c = conditions%condition(p)
         rate(c) = rate(c) - model%surface_flux%share(e)*area(1, p)*flux(e)
@@ -42,23 +43,34 @@ contains
     end associate
   end subroutine inflow_rate
 
-  subroutine add_to_balance(model, inflow, pressure_change)
+  subroutine surface_values(model, values)
+    !! Outward fluxes [m/s] and heads [m] of the pairs of surface points and particles.
+    type(model_t), intent(in) :: model
+    real(wp), intent(out) :: values(:)
+
+    if (model%unsaturated) then
+      call model%surface_flux%apply(model%head_operator, model%head, &
+                                    model%hydraulic_conditions%datum, values, &
+                                    model%relative, model%point_relative)
+    else
+      call model%surface_flux%apply(model%head_operator, model%head, &
+                                    model%hydraulic_conditions%datum, values)
+    end if
+  end subroutine surface_values
+
+  subroutine add_to_balance(model, inflow, before, after)
     !! Books a step: its inflow, the volume changes at hand, and the changes of pressure.
     type(model_t), intent(inout) :: model
-    real(wp), intent(in) :: inflow(:)            !! of the step, as from `inflow_rate` [m3]
-    real(wp), intent(in) :: pressure_change(:)   !! of owned particles [Pa]
-    integer :: p
+    real(wp), intent(in) :: inflow(:)              !! of the step, as from `inflow_rate` [m3]
+    real(wp), intent(in) :: before(:), after(:)    !! pressures of owned particles [Pa]
 
-    associate (balance => model%balance, n => size(pressure_change), &
-               porosity => model%particles%field(model%p%porosity)%values)
+    associate (balance => model%balance, n => size(before))
       balance%inflow = balance%inflow + inflow
-      do p = 1, n
-        balance%stored = balance%stored + model%weight(p)*porosity(1, p)* &
-                         pressure_change(p)/model%scene%water%bulk_modulus
-      end do
+      balance%stored = balance%stored + dot_product(model%weight(1:n), &
+                                                    content_change(model, before, after))
       if (.not. model%rigid) then
-        balance%squeezed = balance%squeezed - dot_product(model%weight(1:n), &
-                                                          model%volume_strain(1:n))
+        balance%squeezed = balance%squeezed - sum(model%weight(1:n)*model%volume_strain(1:n)* &
+                                                  mean_saturation(model, before, after))
       end if
     end associate
   end subroutine add_to_balance

@@ -4,14 +4,16 @@ module dosui_water_step
   use dosui_dimension, only: ndim
   use dosui_cell_average, only: cell_sums
   use dosui_ghosts, only: gather_field
+  use dosui_head_operator, only: kind_head
   use dosui_model, only: model_t
+  use dosui_pore_water, only: saturation_at, wet_masses
   use dosui_super_time_stepping, only: stage_coefficients, stage_t
   use dosui_water_balance, only: add_to_balance, inflow_rate
   implicit none
   private
 
   public :: add_sources, update_pressure, head_of_particles, darcy_velocity, water_rate, &
-            surface_elevation
+            prepare_flow, set_surface_data, surface_elevation
 
 contains
 
@@ -39,6 +41,35 @@ contains
                                   model%scene%water%unit_weight)
     end do
   end subroutine surface_elevation
+
+  subroutine set_surface_data(model, time)
+    !! Heads and fluxes that surfaces prescribe at a time.
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: time   !! [s]
+    real(wp), allocatable :: elevation(:)
+    integer :: place, n, p
+
+    place = merge(model%s%position_at_build, model%s%position, model%finite)
+    call surface_elevation(model, elevation)
+    n = size(elevation)
+    associate (field => model%surface%field, conditions => model%hydraulic_conditions)
+      call conditions%set_time(model%scene%hydraulic_condition, time, &
+                               model%scene%water%unit_weight, elevation, &
+                               field(place)%values(:, 1:n), &
+                               field(model%s%normal)%values(:, 1:n))
+      if (.not. model%unsaturated) return
+      if (allocated(model%point_relative)) deallocate (model%point_relative)
+      allocate (model%point_relative(n), source=1.0_wp)
+      do p = 1, n
+        if (conditions%kind(p) /= kind_head) cycle
+        associate (retention => model%retention(nint(field(model%s%material)%values(1, p))))
+          model%point_relative(p) = retention%relative_conductivity( &
+                                    model%scene%water%unit_weight* &
+                                    (conditions%datum(p) - elevation(p)))
+        end associate
+      end do
+    end associate
+  end subroutine set_surface_data
 
   subroutine set_elevation(model)
     !! Elevation of owned particles and ghosts.
@@ -83,16 +114,37 @@ contains
     real(wp), intent(inout) :: rate(:)
     real(wp), allocatable :: flux(:, :)
 
-    call set_heads(model, pressure, model%head)
+    call prepare_flow(model, pressure)
     if (model%scene%water%operator == 'two_pass') then
       allocate (flux(ndim, size(model%head)))
       call model%two_pass%flux(model%head, model%hydraulic_conditions%datum, flux)
       call model%particle_map%gather(model%comm, ndim, flux)
       call model%two_pass%divergence(flux, rate)
+    else if (model%unsaturated) then
+      call model%head_operator%apply_relative(model%head, model%hydraulic_conditions%datum, &
+                                              model%relative, model%point_relative, rate)
     else
       call model%head_operator%apply(model%head, model%hydraulic_conditions%datum, rate)
     end if
   end subroutine water_rate
+
+  subroutine prepare_flow(model, pressure)
+    !! Heads and relative conductivities of owned particles and ghosts at given pressures.
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: pressure(:)     !! of owned particles [Pa]
+    integer :: p
+
+    call set_heads(model, pressure, model%head)
+    if (.not. model%unsaturated) return
+    if (allocated(model%relative)) then
+      if (size(model%relative) /= size(model%head)) deallocate (model%relative)
+    end if
+    if (.not. allocated(model%relative)) allocate (model%relative(size(model%head)), source=1.0_wp)
+    do p = 1, model%particles%count
+      model%relative(p) = model%retention(model%material(p))%relative_conductivity(pressure(p))
+    end do
+    call model%particle_map%gather(model%comm, 1, model%relative)
+  end subroutine prepare_flow
 
   subroutine add_sources(model, time, rate, inflow)
     !! Adds the water that formulas supply to the rates of water content, and finds the inflow of
@@ -133,7 +185,10 @@ contains
       call water_rate(model, pressure, rate)
       call add_sources(model, model%clock%time + 0.5_wp*model%clock%dt, rate, inflow)
     end if
-    if (.not. model%rigid) rate(1:n) = rate(1:n) - model%volume_strain(1:n)/model%clock%dt
+    if (.not. model%rigid) then
+      rate(1:n) = rate(1:n) - saturation_at(model, pressure(1:n))*model%volume_strain(1:n)/ &
+                  model%clock%dt
+    end if
     if (model%storage%projected) then
       allocate (sums(model%grid%n_cell), block(model%grid%n_block))
       call cell_sums(n, model%cell, model%weight, rate, &
@@ -150,7 +205,7 @@ contains
     !! Pressures after a step: Euler sub-steps or the stages of super-time-stepping.
     type(model_t), intent(inout) :: model
     logical, intent(in) :: drained   !! false: the water stays where it is
-    real(wp), allocatable :: pressure(:), rate(:), elevation(:), inflow(:), total(:)
+    real(wp), allocatable :: pressure(:), rate(:), inflow(:), total(:)
     integer :: n, k, n_step
 
     call model%timers%start(model%phase%water)
@@ -162,10 +217,7 @@ contains
     if (model%updated) then   ! pressures on surfaces are heads above the points' new places
       call gather_field(model%comm, model%surface, model%surface_map, model%s%position)
     end if
-    call surface_elevation(model, elevation)
-    call model%hydraulic_conditions%set_time(model%scene%hydraulic_condition, &
-                                             model%clock%time + model%clock%dt, &
-                                             model%scene%water%unit_weight, elevation)
+    call set_surface_data(model, model%clock%time + model%clock%dt)
     if (drained .and. model%stages > 0) then
       call super_step(model, pressure, total)
     else
@@ -178,7 +230,8 @@ contains
     end if
     if (drained .and. model%scene%water%operator == 'two_pass') call hold_heads(model, pressure)
     associate (now => model%particles%field(model%p%pore_pressure)%values)
-      if (drained) call add_to_balance(model, total, pressure - now(1, 1:n))
+      if (drained) call add_to_balance(model, total, now(1, 1:n), pressure)
+      call wet_masses(model, now(1, 1:n), pressure)
       now(1, 1:n) = pressure
     end associate
     call model%timers%stop(model%phase%water)
@@ -234,8 +287,9 @@ contains
     !! that see the surfaces' heads and fluxes [m/s].
     type(model_t), intent(inout) :: model
     real(wp), allocatable, intent(out) :: flux(:, :)   !! (ndim, n)
-    real(wp), allocatable :: head(:)
+    real(wp), allocatable :: head(:), conductivity(:)
     integer :: particle_place, surface_place   ! handles of positions
+    integer :: n
 
     if (model%updated) then
       call gather_field(model%comm, model%particles, model%particle_map, model%p%position)
@@ -244,13 +298,19 @@ contains
     particle_place = merge(model%p%position_at_build, model%p%position, model%finite)
     surface_place = merge(model%s%position_at_build, model%s%position, model%finite)
     call head_of_particles(model, head)
+    conductivity = model%particles%field(model%p%conductivity)%values(1, :)
+    if (model%unsaturated) then
+      n = model%particles%count
+      call prepare_flow(model, model%particles%field(model%p%pore_pressure)%values(1, 1:n))
+      conductivity(1:n) = conductivity(1:n)*model%relative(1:n)
+    end if
     allocate (flux(ndim, model%particles%count))
     if (model%scene%water%operator == 'two_pass') then
       call model%two_pass%flux(head, model%hydraulic_conditions%datum, flux)
     else
       call model%head_operator%flux(model%particles%field(particle_place)%values, &
-                                    model%particles%field(model%p%conductivity)%values(1, :), &
-                                    model%spacing, model%scene%water%support_radius, &
+                                    conductivity, model%spacing, &
+                                    model%scene%water%support_radius, &
                                     model%surface%field(surface_place)%values, &
                                     model%surface%field(model%s%normal)%values, head, &
                                     model%hydraulic_conditions%datum, flux)

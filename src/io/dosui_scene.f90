@@ -4,11 +4,13 @@
 !! 3-D.
 module dosui_scene
   use dosui_kinds, only: wp
-  use dosui_dimension, only: ndim, nsig
+  use dosui_dimension, only: ndim, nsig, axis
+  use dosui_expression, only: expression_t
   implicit none
   private
 
   integer, parameter, public :: name_length = 64   !! characters of a name in a scene
+  character(len=1), parameter, public :: axis_name(3) = ['x', 'y', 'z']   !! in formulas
 
   type, public :: table_t
     !! A function of time: linear between entries, constant before the first and after the last.
@@ -51,6 +53,26 @@ module dosui_scene
     real(wp) :: porosity = 0.3_wp                    !! initial [-]
     real(wp) :: hydraulic_conductivity = 0.0_wp      !! k [m/s]
     logical :: rigid = .false.                       !! skeleton does not move: pure seepage
+    real(wp) :: cohesion = 0.0_wp                    !! c [Pa]
+    real(wp) :: friction_angle = 0.0_wp              !! phi [deg]
+    real(wp) :: dilation_angle = 0.0_wp              !! psi [deg]
+    real(wp) :: tensile_strength = huge(1.0_wp)      !! cut-off of tension [Pa]
+    real(wp) :: softening_strain = 0.0_wp            !! plastic shear strain; 0: no softening [-]
+    real(wp) :: residual_cohesion = 0.0_wp           !! after softening [Pa]
+    real(wp) :: residual_friction_angle = 0.0_wp     !! likewise [deg]
+    character(len=name_length) :: cone = 'compression'
+    !! fit of Drucker-Prager's cone: 'compression', 'extension' or 'plane_strain'
+    real(wp) :: critical_state_ratio = 1.0_wp        !! M of Cam-clay [-]
+    real(wp) :: compression_index = 0.1_wp           !! lambda, in specific volume and ln p [-]
+    real(wp) :: swelling_index = 0.01_wp             !! kappa, likewise [-]
+    real(wp) :: over_consolidation_ratio = 1.0_wp    !! at the start [-]
+    real(wp) :: least_pressure = 1.0e3_wp            !! keeps some stiffness without stress [Pa]
+    real(wp) :: reference_pressure = 1.0e5_wp        !! that moduli are estimated for [Pa]
+    character(len=name_length) :: retention = 'none'   !! 'none' (saturated) or 'van_genuchten'
+    real(wp) :: retention_alpha = 0.0_wp             !! inverse of a suction head [1/m]
+    real(wp) :: retention_exponent = 2.0_wp          !! n of van Genuchten [-]
+    real(wp) :: residual_saturation = 0.0_wp         !! of the driest soil [-]
+    real(wp) :: least_conductivity = 1.0e-6_wp       !! over that of the saturated soil [-]
   end type material_t
 
   type, public :: water_t
@@ -106,22 +128,49 @@ module dosui_scene
     real(wp) :: box_max(ndim) = huge(1.0_wp)         !! keep only points below [m]
   end type surface_t
 
+  type, public :: barrier_t
+    !! An interior surface that water does not pass.
+    character(len=name_length) :: name = ''
+    real(wp), allocatable :: vertices(:, :)
+    !! (ndim, n) chain of points in 2-D, corners of a flat convex polygon in 3-D [m]
+  end type barrier_t
+
+  type, public :: pattern_t
+    !! How a value varies: a table of time times a formula of place and time.
+    type(table_t) :: factor                          !! unallocated: 1
+    character(len=:), allocatable :: formula         !! of x, y, z [m] and t [s]; unallocated: 1
+    type(expression_t), private :: expression        !! of the formula
+  contains
+    procedure :: prepare => pattern_prepare
+    procedure :: at => pattern_at
+  end type pattern_t
+
   type, public :: mechanical_condition_t
     character(len=name_length) :: surface = ''
     character(len=name_length) :: kind = ''
-    !! 'roller', 'fixed', 'velocity', 'traction', 'pressure' or 'plate'
+    !! 'roller', 'fixed', 'velocity', 'traction', 'pressure', 'reservoir' or 'plate'
     character(len=name_length) :: imposition = 'auto'   !! 'nodes', 'penalty' or 'auto'
     real(wp) :: value(ndim) = 0.0_wp
     !! velocity [m/s]; traction [Pa]; pressure: first component, positive into the body [Pa];
+    !! reservoir: first component, level of its water [m];
     !! plate: first component, total force into the body [N, per m thickness in 2-D, per m2 in 1-D]
-    type(table_t) :: factor                          !! multiplies value over time; unallocated: 1
+    type(pattern_t) :: pattern                       !! multiplies value
+    real(wp) :: water_weight = 0.0_wp                !! of a reservoir's water [N/m3]
+  contains
+    procedure :: is_load => mechanical_condition_is_load
+    procedure :: pressure_at => mechanical_condition_pressure_at
   end type mechanical_condition_t
 
   type, public :: hydraulic_condition_t
     character(len=name_length) :: surface = ''
-    character(len=name_length) :: kind = ''          !! 'head', 'pressure', 'flux' or 'no_flow'
-    real(wp) :: value = 0.0_wp   !! head [m]; pressure [Pa]; flux: outward Darcy flux [m/s]
-    type(table_t) :: factor                          !! multiplies value over time; unallocated: 1
+    character(len=name_length) :: kind = ''
+    !! 'head', 'pressure', 'flux', 'no_flow', 'reservoir', 'seepage_face' or 'rainfall'
+    real(wp) :: value = 0.0_wp
+    !! head [m]; pressure [Pa]; outward Darcy flux [m/s]; level of a reservoir [m]; rain on a
+    !! level plane [m/s]
+    type(pattern_t) :: pattern                       !! multiplies value
+  contains
+    procedure :: may_switch => hydraulic_condition_may_switch
   end type hydraulic_condition_t
 
   type, public :: text_t
@@ -213,10 +262,57 @@ module dosui_scene
     type(surface_t), allocatable :: surface(:)
     type(mechanical_condition_t), allocatable :: mechanical_condition(:)
     type(hydraulic_condition_t), allocatable :: hydraulic_condition(:)
+    type(barrier_t), allocatable :: barrier(:)
     type(probe_t), allocatable :: probe(:)
   end type scene_t
 
 contains
+
+  subroutine pattern_prepare(self, message)
+    !! Reads the formula.
+    class(pattern_t), intent(inout) :: self
+    character(len=:), allocatable, intent(out) :: message   !! unallocated if all is well
+
+    if (allocated(self%formula)) call self%expression%parse(self%formula, [axis_name(axis), 't'], &
+                                                            message)
+  end subroutine pattern_prepare
+
+  pure real(wp) function pattern_at(self, time, position) result(factor)
+    !! The factor on a value at a time and a place.
+    class(pattern_t), intent(in) :: self
+    real(wp), intent(in) :: time             !! [s]
+    real(wp), intent(in) :: position(ndim)   !! [m]
+
+    factor = self%factor%at(time)
+    if (allocated(self%formula)) factor = factor*self%expression%value([position, time])
+  end function pattern_at
+
+  pure elemental logical function mechanical_condition_is_load(self) result(is_load)
+    !! Is it a given load, and not a wall or plate?
+    class(mechanical_condition_t), intent(in) :: self
+
+    is_load = self%kind == 'traction' .or. self%kind == 'pressure' .or. self%kind == 'reservoir'
+  end function mechanical_condition_is_load
+
+  pure real(wp) function mechanical_condition_pressure_at(self, time, position) result(pressure)
+    !! Pressure into the body of 'pressure' and 'reservoir' conditions [Pa].
+    class(mechanical_condition_t), intent(in) :: self
+    real(wp), intent(in) :: time             !! [s]
+    real(wp), intent(in) :: position(ndim)   !! [m]
+
+    pressure = self%value(1)*self%pattern%at(time, position)
+    if (self%kind == 'reservoir') then
+      pressure = self%water_weight*max(0.0_wp, pressure - position(ndim))
+    end if
+  end function mechanical_condition_pressure_at
+
+  pure elemental logical function hydraulic_condition_may_switch(self) result(switches)
+    !! May its points change between a prescribed head and a prescribed flux?
+    class(hydraulic_condition_t), intent(in) :: self
+
+    switches = self%kind == 'reservoir' .or. self%kind == 'seepage_face' .or. &
+               self%kind == 'rainfall'
+  end function hydraulic_condition_may_switch
 
   pure real(wp) function table_at(self, time) result(value)
     !! Value of the table at a time; 1 for an empty table, so that it can be a factor.

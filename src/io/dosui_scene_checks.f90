@@ -5,7 +5,7 @@ module dosui_scene_checks
   use dosui_expression, only: expression_t
   use dosui_namelist, only: namelist_t
   use dosui_problems, only: problems_t
-  use dosui_scene, only: region_t, scene_t, table_t, name_length
+  use dosui_scene, only: axis_name, pattern_t, region_t, scene_t, table_t, name_length
   use dosui_scene_keys, only: group_size
   use dosui_text, only: nearest_name, to_text
   implicit none
@@ -47,6 +47,8 @@ contains
     call check_water(checker, scene)
     call check_integrator(checker, scene)
     call check_sources(checker, scene)
+    call check_suction(checker, scene)
+    call check_barriers(checker, scene)
     call check_output(checker, scene)
     call check_verification(checker, scene)
     problems = checker%problems
@@ -185,12 +187,27 @@ contains
       end if
     end associate
     do k = 1, size(scene%mechanical_condition)
-      call check_table(checker, 'mechanical_condition', k, scene%mechanical_condition(k)%factor)
+      call check_pattern(checker, 'mechanical_condition', k, scene%mechanical_condition(k)%pattern)
     end do
     do k = 1, size(scene%hydraulic_condition)
-      call check_table(checker, 'hydraulic_condition', k, scene%hydraulic_condition(k)%factor)
+      call check_pattern(checker, 'hydraulic_condition', k, scene%hydraulic_condition(k)%pattern)
     end do
   end subroutine check_times
+
+  subroutine check_pattern(checker, group, instance, pattern)
+    !! A table and a formula that can be read.
+    type(checker_t), intent(inout) :: checker
+    character(len=*), intent(in) :: group
+    integer, intent(in) :: instance
+    type(pattern_t), intent(in) :: pattern
+    type(pattern_t) :: trial
+    character(len=:), allocatable :: message
+
+    call check_table(checker, group, instance, pattern%factor)
+    trial = pattern
+    call trial%prepare(message)
+    if (allocated(message)) call checker%complain(group, instance, 'formula', message)
+  end subroutine check_pattern
 
   subroutine check_table(checker, group, instance, table)
     !! Both columns, of one length, with increasing times.
@@ -503,7 +520,7 @@ contains
       end do
     end associate
     associate (condition => scene%mechanical_condition)
-      is_wall = condition%kind /= 'traction' .and. condition%kind /= 'pressure'
+      is_wall = .not. condition%is_load()
       do k = 2, size(condition)
         if (condition(k)%surface == '' .or. .not. is_wall(k)) cycle
         first = findloc(condition(:k - 1)%surface == condition(k)%surface .and. is_wall(:k - 1), &
@@ -546,6 +563,93 @@ contains
       end select
     end do
   end subroutine check_water
+
+  subroutine check_barriers(checker, scene)
+    !! Barriers stand still in bodies that hardly move.
+    type(checker_t), intent(inout) :: checker
+    type(scene_t), intent(in) :: scene
+    integer :: k, n, least
+
+    least = merge(3, 2, ndim == 3)
+    do k = 1, group_size(scene, 'barrier')
+      if (ndim == 1) call checker%complain('barrier', k, '', 'needs dimension = 2 or 3')
+      if (scene%deformation /= 'small_strain') then
+        call checker%complain('barrier', k, '', 'needs deformation = ''small_strain''')
+      end if
+      if (scene%water_mode == 'none') call checker%complain('barrier', k, '', &
+                                                    'has a meaning only with water = ''saturated''')
+      if (.not. allocated(scene%barrier(k)%vertices)) cycle
+      associate (vertices => scene%barrier(k)%vertices)
+        n = size(vertices, 2)
+        if (n < least) then
+          call checker%complain('barrier', k, 'vertices', 'needs at least '//to_text(least)// &
+                                ' points')
+        else if (any(norm2(vertices(:, 2:) - vertices(:, :n - 1), dim=1) <= 0.0_wp)) then
+          call checker%complain('barrier', k, 'vertices', 'has two equal points in a row')
+        else if (ndim == 3 .and. .not. is_flat(vertices)) then
+          call checker%complain('barrier', k, 'vertices', 'must be corners of a flat convex '// &
+                                'polygon, in order')
+        end if
+      end associate
+    end do
+  end subroutine check_barriers
+
+  pure logical function is_flat(vertices) result(flat)
+    !! Do all corners of a polygon in space turn the same way about one normal?
+    real(wp), intent(in) :: vertices(:, :)   !! (3, n)
+    real(wp) :: before(3), after(3), turn(3), normal(3)
+    integer :: k, n
+
+    n = size(vertices, 2)
+    flat = size(vertices, 1) == 3
+    if (.not. flat) return
+    do k = 1, n
+      before = vertices(:, modulo(k, n) + 1) - vertices(:, k)
+      after = vertices(:, modulo(k + 1, n) + 1) - vertices(:, modulo(k, n) + 1)
+      turn = [before(2)*after(3) - before(3)*after(2), before(3)*after(1) - before(1)*after(3), &
+              before(1)*after(2) - before(2)*after(1)]
+      if (k == 1) normal = turn
+      flat = flat .and. norm2(turn) > 0.0_wp .and. &
+             dot_product(turn, normal) >= (1.0_wp - 1.0e-6_wp)*norm2(turn)*norm2(normal)
+    end do
+  end function is_flat
+
+  subroutine check_suction(checker, scene)
+    !! What free levels of water and suction need.
+    type(checker_t), intent(inout) :: checker
+    type(scene_t), intent(in) :: scene
+    logical :: falls, is_literal, is_unsaturated
+    integer :: k
+
+    falls = scene%gravity(ndim) < 0.0_wp .and. &
+            all(.not. abs(scene%gravity(:ndim - 1)) > 0.0_wp)
+    is_literal = scene%water%operator == 'two_pass'
+    do k = 1, size(scene%hydraulic_condition)
+      if (.not. scene%hydraulic_condition(k)%may_switch()) cycle
+      if (.not. falls) call checker%complain('hydraulic_condition', k, 'kind', &
+                                             'needs gravity along -z in &scene')
+      if (is_literal) call checker%complain('hydraulic_condition', k, 'kind', &
+                                            'needs operator = ''compact'' in &water')
+    end do
+    do k = 1, size(scene%mechanical_condition)
+      if (scene%mechanical_condition(k)%kind == 'reservoir' .and. .not. falls) then
+        call checker%complain('mechanical_condition', k, 'kind', &
+                              'needs gravity along -z in &scene')
+      end if
+    end do
+    is_unsaturated = any(scene%material%retention /= 'none') .and. scene%water_mode /= 'none'
+    if (.not. is_unsaturated) return
+    if (is_literal) call checker%complain('water', 1, 'operator', &
+                                          'retention needs operator = ''compact''')
+    if (scene%deformation == 'finite') then
+      call checker%complain('scene', 1, 'deformation', 'retention does not work with finite '// &
+                            'strains')
+    end if
+    if (scene%integrator == 'semi_implicit') then
+      call checker%complain('scene', 1, 'integrator', 'retention works with explicit and '// &
+                            'quasi_static steps')
+    end if
+  end subroutine check_suction
 
   subroutine check_integrator(checker, scene)
     !! What the implicit integrators cannot do.
@@ -598,6 +702,11 @@ contains
     if (any(scene%material%rigid)) then
       call checker%complain('scene', 1, 'deformation', 'finite needs a skeleton that moves')
     end if
+    do k = 1, size(scene%material)
+      if (scene%material(k)%model /= 'linear_elastic') then
+        call checker%complain('material', k, 'model', 'finite strains need linear_elastic')
+      end if
+    end do
     if (scene%mechanics%coupling_gradient == 'cell_centre') then
       call checker%complain('mechanics', 1, 'coupling_gradient', &
                             'finite strains take the particles'' own gradients')
@@ -620,16 +729,15 @@ contains
     !! Formulas that can be read.
     type(checker_t), intent(inout) :: checker
     type(scene_t), intent(in) :: scene
-    character(len=1), parameter :: name_of_axis(3) = ['x', 'y', 'z']
     type(expression_t) :: formula
     character(len=:), allocatable :: message
     integer :: d
 
     do d = 1, ndim
       if (.not. allocated(scene%source%force(axis(d))%text)) cycle
-      call formula%parse(scene%source%force(axis(d))%text, [name_of_axis(axis), 't'], message)
+      call formula%parse(scene%source%force(axis(d))%text, [axis_name(axis), 't'], message)
       if (allocated(message)) then
-        call checker%complain('source', 1, 'force_'//name_of_axis(axis(d)), message)
+        call checker%complain('source', 1, 'force_'//axis_name(axis(d)), message)
       end if
     end do
     if (.not. allocated(scene%source%water)) return
@@ -637,7 +745,7 @@ contains
       call checker%complain('source', 1, 'water', &
                             'has a meaning only with water = ''saturated'' in &scene')
     end if
-    call formula%parse(scene%source%water, [name_of_axis(axis), 't'], message)
+    call formula%parse(scene%source%water, [axis_name(axis), 't'], message)
     if (allocated(message)) call checker%complain('source', 1, 'water', message)
   end subroutine check_sources
 

@@ -9,7 +9,9 @@ module dosui_scene_keys
   use dosui_dimension, only: ndim, axis
   use dosui_scene, only: scene_t, region_t, material_t, water_t, mechanics_t, initial_state_t, &
                          surface_t, mechanical_condition_t, hydraulic_condition_t, probe_t, &
-                         solver_t, source_t, time_t, output_t, verification_t, table_t, name_length
+                         barrier_t, &
+                         solver_t, source_t, time_t, output_t, verification_t, table_t, &
+                         axis_name, name_length
   use dosui_text, only: to_text
   implicit none
   private
@@ -144,7 +146,7 @@ contains
     !! All groups in the order in which a scene is best written.
     type(group_t), allocatable :: groups(:)
 
-    allocate (groups(16))
+    allocate (groups(17))
     groups(1) = group_t('scene', 'What is computed, and how.', .true., .false.)
     groups(2) = group_t('grid', 'The background grid and the domain. Memory and time follow '// &
                         'the particles: a large domain costs nothing.', .true., .false.)
@@ -165,14 +167,17 @@ contains
                          'without one are free of traction.', .false., .true.)
     groups(11) = group_t('hydraulic_condition', 'Head, pressure or flux on a surface. Surfaces '// &
                          'without one let no water through.', .false., .true.)
-    groups(12) = group_t('source', 'Body forces and water sources as formulas of x, y, z and t '// &
+    groups(12) = group_t('barrier', 'An interior surface that water does not pass, a sheet '// &
+                         'pile say: particles do not see each other through it. It has no '// &
+                         'stiffness.', .false., .true.)
+    groups(13) = group_t('source', 'Body forces and water sources as formulas of x, y, z and t '// &
                          '(those of the dimension), with + - * / ^, pi, sin cos tan atan exp '// &
                          'log sqrt abs sinh cosh tanh step min max.', .false., .false.)
-    groups(13) = group_t('probe', 'A value whose history is written to the result file.', &
+    groups(14) = group_t('probe', 'A value whose history is written to the result file.', &
                          .false., .true.)
-    groups(14) = group_t('solver', 'Linear systems of the implicit integrators.', .false., .false.)
-    groups(15) = group_t('output', 'Names and intervals of the files.', .false., .false.)
-    groups(16) = group_t('verification', 'The exact solution that `dosui-post verify` compares '// &
+    groups(15) = group_t('solver', 'Linear systems of the implicit integrators.', .false., .false.)
+    groups(16) = group_t('output', 'Names and intervals of the files.', .false., .false.)
+    groups(17) = group_t('verification', 'The exact solution that `dosui-post verify` compares '// &
                          'with.', .false., .false.)
   end function scene_groups
 
@@ -194,6 +199,9 @@ contains
       n = size(scene%mechanical_condition)
     case ('hydraulic_condition')
       n = size(scene%hydraulic_condition)
+    case ('barrier')
+      n = 0
+      if (allocated(scene%barrier)) n = size(scene%barrier)
     case ('probe')
       n = size(scene%probe)
     case default
@@ -226,6 +234,9 @@ contains
     case ('hydraulic_condition')
       if (allocated(scene%hydraulic_condition)) deallocate (scene%hydraulic_condition)
       allocate (scene%hydraulic_condition(n))
+    case ('barrier')
+      if (allocated(scene%barrier)) deallocate (scene%barrier)
+      allocate (scene%barrier(n))
     case ('probe')
       if (allocated(scene%probe)) deallocate (scene%probe)
       allocate (scene%probe(n))
@@ -263,6 +274,8 @@ contains
       call visit_mechanical_condition(visitor, scene%mechanical_condition(instance))
     case ('hydraulic_condition')
       call visit_hydraulic_condition(visitor, scene%hydraulic_condition(instance))
+    case ('barrier')
+      call visit_barrier(visitor, scene%barrier(instance))
     case ('source')
       call visit_source(visitor, scene%source)
     case ('probe')
@@ -363,16 +376,23 @@ contains
     class(key_visitor_t), intent(inout) :: v
     type(material_t), intent(inout) :: material
     logical, intent(in) :: is_dry
+    logical :: is_clay
 
     call v%name(material%name, key('name', 'what regions call it', required=.true.))
-    call v%name(material%model, key('model', 'constitutive model', choices='linear_elastic'))
+    call v%name(material%model, &
+                key('model', 'constitutive model', &
+                    choices='linear_elastic mohr_coulomb drucker_prager cam_clay'))
     call v%logical(material%rigid, &
                    key('rigid', 'the skeleton does not move: pure seepage'))
+    is_clay = material%model == 'cam_clay'
     call v%real(material%young_modulus, &
                 key('young_modulus', 'drained Young''s modulus; needed unless rigid', unit='Pa', &
-                    range='> 0', required=.not. material%rigid))
+                    range='> 0', required=.not. material%rigid, &
+                    only='a model other than ''cam_clay''', applies=.not. is_clay))
     call v%real(material%poisson_ratio, &
                 key('poisson_ratio', 'drained Poisson''s ratio', unit='-', range='> -1 and < 0.5'))
+    call visit_strength(v, material)
+    call visit_cam_clay(v, material, is_clay)
     call v%real(material%solid_density, &
                 key('solid_density', 'density of the grains', unit='kg/m3', range='> 0'))
     call v%real(material%porosity, &
@@ -381,7 +401,106 @@ contains
     call v%real(material%hydraulic_conductivity, &
                 key('hydraulic_conductivity', 'Darcy''s k; 0: undrained', unit='m/s', &
                     range='>= 0', only='water = ''saturated'' in &scene', applies=.not. is_dry))
+    call visit_retention(v, material, is_dry)
   end subroutine visit_material
+
+  subroutine visit_strength(v, material)
+    !! Keys of &material on friction and cohesion.
+    class(key_visitor_t), intent(inout) :: v
+    type(material_t), intent(inout) :: material
+    character(len=*), parameter :: both = 'model = ''mohr_coulomb'' or ''drucker_prager'''
+    character(len=*), parameter :: planes = 'model = ''mohr_coulomb'''
+    logical :: applies, is_planes
+
+    is_planes = material%model == 'mohr_coulomb'
+    applies = is_planes .or. material%model == 'drucker_prager'
+    call v%real(material%cohesion, &
+                key('cohesion', 'c; with friction_angle = 0 the undrained strength', unit='Pa', &
+                    range='>= 0', only=both, applies=applies))
+    call v%real(material%friction_angle, &
+                key('friction_angle', 'phi', unit='deg', range='>= 0 and < 90', only=both, &
+                    applies=applies))
+    call v%real(material%dilation_angle, &
+                key('dilation_angle', 'psi, not above friction_angle', unit='deg', &
+                    range='>= 0 and < 90', only=both, applies=applies))
+    call v%real(material%tensile_strength, &
+                key('tensile_strength', 'largest principal (mohr_coulomb) or mean '// &
+                    '(drucker_prager) tension', unit='Pa', range='>= 0', only=both, &
+                    applies=applies, fallback=or_unlimited))
+    call v%real(material%softening_strain, &
+                key('softening_strain', 'plastic shear strain over which cohesion and '// &
+                    'friction fall to their residual values; 0: they do not', unit='-', &
+                    range='>= 0', only=planes, applies=is_planes))
+    call v%real(material%residual_cohesion, &
+                key('residual_cohesion', 'c after softening', unit='Pa', range='>= 0', &
+                    only='softening_strain > 0', &
+                    applies=is_planes .and. material%softening_strain > 0.0_wp))
+    call v%real(material%residual_friction_angle, &
+                key('residual_friction_angle', 'phi after softening', unit='deg', &
+                    range='>= 0 and < 90', only='softening_strain > 0', &
+                    applies=is_planes .and. material%softening_strain > 0.0_wp))
+    call v%name(material%cone, &
+                key('cone', 'where the cone meets Mohr-Coulomb''s planes', &
+                    choices='compression extension plane_strain', &
+                    only='model = ''drucker_prager''', applies=material%model == 'drucker_prager'))
+  end subroutine visit_strength
+
+  subroutine visit_cam_clay(v, material, applies)
+    !! Keys of &material on modified Cam-clay.
+    class(key_visitor_t), intent(inout) :: v
+    type(material_t), intent(inout) :: material
+    logical, intent(in) :: applies
+    character(len=*), parameter :: only = 'model = ''cam_clay'''
+
+    call v%real(material%critical_state_ratio, &
+                key('critical_state_ratio', 'M: q/p in the critical state', unit='-', &
+                    range='> 0', required=.true., only=only, applies=applies))
+    call v%real(material%compression_index, &
+                key('compression_index', 'lambda: virgin compression in specific volume over '// &
+                    'ln p', unit='-', range='> 0', required=.true., only=only, applies=applies))
+    call v%real(material%swelling_index, &
+                key('swelling_index', 'kappa: swelling, likewise; below compression_index', &
+                    unit='-', range='> 0', required=.true., only=only, applies=applies))
+    call v%real(material%over_consolidation_ratio, &
+                key('over_consolidation_ratio', 'size of the yield surface over that through '// &
+                    'the initial stress', unit='-', range='>= 1', only=only, applies=applies))
+    call v%real(material%least_pressure, &
+                key('least_pressure', 'added to p in the elastic stiffness', unit='Pa', &
+                    range='> 0', only=only, applies=applies))
+    call v%real(material%reference_pressure, &
+                key('reference_pressure', 'largest mean effective stress that steps and '// &
+                    'penalties are estimated for', unit='Pa', range='> 0', only=only, &
+                    applies=applies))
+  end subroutine visit_cam_clay
+
+  subroutine visit_retention(v, material, is_dry)
+    !! Keys of &material on partial saturation.
+    class(key_visitor_t), intent(inout) :: v
+    type(material_t), intent(inout) :: material
+    logical, intent(in) :: is_dry
+    character(len=*), parameter :: only = 'retention = ''van_genuchten'''
+    logical :: applies
+
+    call v%name(material%retention, &
+                key('retention', 'none: saturated at any pressure; van_genuchten: suction '// &
+                    'empties the pores, Mualem''s relative conductivity', &
+                    choices='none van_genuchten', only='water = ''saturated'' in &scene', &
+                    applies=.not. is_dry))
+    applies = material%retention == 'van_genuchten' .and. .not. is_dry
+    call v%real(material%retention_alpha, &
+                key('retention_alpha', 'alpha of van Genuchten: 1 over the suction head that '// &
+                    'empties the pores', unit='1/m', range='> 0', required=.true., only=only, &
+                    applies=applies))
+    call v%real(material%retention_exponent, &
+                key('retention_exponent', 'n of van Genuchten; m is 1 - 1/n', unit='-', &
+                    range='> 1 and <= 20', only=only, applies=applies))
+    call v%real(material%residual_saturation, &
+                key('residual_saturation', 'S_r: what no suction takes out', unit='-', &
+                    range='>= 0 and < 1', only=only, applies=applies))
+    call v%real(material%least_conductivity, &
+                key('least_conductivity', 'floor of the conductivity over that of the '// &
+                    'saturated soil', unit='-', range='>= 0 and <= 1', only=only, applies=applies))
+  end subroutine visit_retention
 
   subroutine visit_water(v, water)
     !! Keys of &water.
@@ -598,43 +717,79 @@ contains
     call v%name(condition%surface, key('surface', 'name of a &surface', required=.true.))
     call v%name(condition%kind, &
                 key('kind', 'roller: no normal motion; fixed: none at all; velocity, '// &
-                    'normal_velocity: prescribed; traction, pressure: loads; plate: rigid, '// &
+                    'normal_velocity: prescribed; traction, pressure: loads; reservoir: '// &
+                    'pressure of water with a free level; plate: rigid, '// &
                     'frictionless, one normal velocity and a total force', required=.true., &
-                    choices='roller fixed velocity normal_velocity traction pressure plate'))
+                    choices='roller fixed velocity normal_velocity traction pressure reservoir '// &
+                    'plate'))
     call v%name(condition%imposition, &
                 key('imposition', 'of walls: on grid nodes, by springs on the true surface, or '// &
                     'nodes where the grid follows the surface', choices='auto nodes penalty', &
-                    only='a kind other than ''traction'' and ''pressure''', &
-                    applies=condition%kind /= 'traction' .and. condition%kind /= 'pressure'))
+                    only='a wall or plate', applies=.not. condition%is_load()))
     n = ndim
     if (condition%kind == 'pressure' .or. condition%kind == 'plate' .or. &
-        condition%kind == 'normal_velocity') n = 1
+        condition%kind == 'reservoir' .or. condition%kind == 'normal_velocity') n = 1
     call v%vector(condition%value(1:n), &
                   key('value', 'velocity [m/s] and traction [Pa]: a vector; normal_velocity '// &
-                      '[m/s]: outward; pressure: into the body [Pa]; plate: total force into '// &
+                      '[m/s]: outward; pressure: into the body [Pa]; reservoir: elevation of '// &
+                      'its level [m]; plate: total force into '// &
                       'the body [N; N/m in 2-D, Pa in 1-D]', only=no_wall, &
                       applies=condition%kind /= 'roller' .and. condition%kind /= 'fixed', &
                       required=.true., undecided=condition%kind == ''))
-    call visit_table(v, condition%factor, no_wall, &
+    call visit_table(v, condition%pattern%factor, no_wall, &
                      condition%kind /= 'roller' .and. condition%kind /= 'fixed')
+    call visit_formula(v, condition%pattern%formula, 'a load', condition%is_load())
   end subroutine visit_mechanical_condition
 
   subroutine visit_hydraulic_condition(v, condition)
     !! Keys of &hydraulic_condition.
     class(key_visitor_t), intent(inout) :: v
     type(hydraulic_condition_t), intent(inout) :: condition
+    character(len=*), parameter :: has_no_value = 'a kind other than ''no_flow'' and '// &
+                                   '''seepage_face'''
+    logical :: has_value
 
     call v%name(condition%surface, key('surface', 'name of a &surface', required=.true.))
     call v%name(condition%kind, &
-                key('kind', 'total head, pore pressure, outward Darcy flux, or none', &
-                    required=.true., choices='head pressure flux no_flow'))
+                key('kind', 'total head, pore pressure, outward Darcy flux, or none; '// &
+                    'reservoir: the head of its level below it, a seepage face above; '// &
+                    'seepage_face: water '// &
+                    'may leave at zero pressure, none enters; rainfall: enters as far as it '// &
+                    'can without ponding', required=.true., &
+                    choices='head pressure flux no_flow reservoir seepage_face rainfall'))
+    has_value = condition%kind /= 'no_flow' .and. condition%kind /= 'seepage_face'
     call v%real(condition%value, &
-                key('value', 'head [m], pressure [Pa] or flux [m/s], outward positive', &
-                    only='a kind other than ''no_flow''', applies=condition%kind /= 'no_flow', &
-                    required=.true., undecided=condition%kind == ''))
-    call visit_table(v, condition%factor, 'a kind other than ''no_flow''', &
-                     condition%kind /= 'no_flow')
+                key('value', 'head [m], pressure [Pa], flux [m/s], outward positive, elevation '// &
+                    'of the reservoir''s level [m], or rain on a level plane [m/s]', &
+                    only=has_no_value, applies=has_value, required=.true., &
+                    undecided=condition%kind == ''))
+    call visit_table(v, condition%pattern%factor, has_no_value, has_value)
+    call visit_formula(v, condition%pattern%formula, has_no_value, has_value)
   end subroutine visit_hydraulic_condition
+
+  subroutine visit_formula(v, formula, only, applies)
+    !! The key of a formula of place and time.
+    class(key_visitor_t), intent(inout) :: v
+    character(len=:), allocatable, intent(inout) :: formula
+    character(len=*), intent(in) :: only
+    logical, intent(in) :: applies
+
+    call v%text(formula, &
+                key('formula', 'a further factor on value, a formula of x, y, z [m] and t [s] '// &
+                    'as in &source', unit='-', longest=1000, only=only, applies=applies, &
+                    fallback='1 everywhere'))
+  end subroutine visit_formula
+
+  subroutine visit_barrier(v, barrier)
+    !! Keys of &barrier.
+    class(key_visitor_t), intent(inout) :: v
+    type(barrier_t), intent(inout) :: barrier
+
+    call v%name(barrier%name, key('name', 'what messages call it', required=.true.))
+    call v%points(barrier%vertices, &
+                  key('vertices', '2-D: a chain of points x1, z1, x2, z2, ...; 3-D: corners of '// &
+                      'a flat convex polygon, in order', unit='m', required=.true.))
+  end subroutine visit_barrier
 
   subroutine visit_table(v, table, only, applies)
     !! The two keys of a factor over time.
@@ -656,15 +811,14 @@ contains
     !! Keys of &source.
     class(key_visitor_t), intent(inout) :: v
     type(source_t), intent(inout) :: source
-    character(len=1), parameter :: name_of_axis(3) = ['x', 'y', 'z']
     character(len=18), parameter :: scenes(3) = [character(len=18) :: 'dimension = 2 or 3', &
                                                                                 'dimension = 3', '']
     integer :: d
 
     do d = 1, 3
       call v%text(source%force(d)%text, &
-                  key('force_'//name_of_axis(d), 'formula of the body force along '// &
-                      name_of_axis(d)//', beside gravity', unit='N/m3', longest=1000, &
+                  key('force_'//axis_name(d), 'formula of the body force along '// &
+                      axis_name(d)//', beside gravity', unit='N/m3', longest=1000, &
                       only=trim(scenes(d)), applies=any(axis == d)))
     end do
     call v%text(source%water, &

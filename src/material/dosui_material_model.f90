@@ -10,6 +10,8 @@ module dosui_material_model
     !! A constitutive model with its constants. Models see batches of points, so that the choice
     !! of the model costs nothing per point; they own the meaning of their state variables.
     character(len=32), allocatable :: state_names(:)   !! set by models that have state variables
+    character(len=8), allocatable :: state_units(:)    !! likewise, '-' for numbers
+    logical :: is_nonlinear = .false.   !! stresses are no linear function of strains
   contains
     procedure(update_stress_interface), deferred :: update_stress
     procedure(tangent_interface), deferred :: tangent
@@ -18,10 +20,12 @@ module dosui_material_model
     procedure(modulus_interface), deferred :: bulk_modulus
     procedure :: n_state => material_model_n_state
     procedure :: state_name => material_model_state_name
+    procedure :: state_unit => material_model_state_unit
+    procedure :: start_state => material_model_start_state
   end type material_model_t
 
   abstract interface
-    subroutine update_stress_interface(self, n, strain_increment, stress, state, err)
+    subroutine update_stress_interface(self, n, strain_increment, stress, state, err, tangent)
       !! Adds the stress increments of a batch of points.
       import :: material_model_t, wp, nsig, error_t
       implicit none
@@ -31,10 +35,12 @@ module dosui_material_model
       real(wp), intent(inout) :: stress(nsig, n)            !! effective, tension positive [Pa]
       real(wp), intent(inout) :: state(:, :)                !! (n_state, n) of the model
       type(error_t), intent(inout) :: err
+      real(wp), intent(out), optional :: tangent(nsig, nsig, n)
+      !! derivative of the new stress with respect to the increment, 2 x shear [Pa]
     end subroutine update_stress_interface
 
     subroutine tangent_interface(self, stress, state, tangent)
-      !! Derivative of the stress with respect to the strain at one point.
+      !! Elastic derivative of the stress with respect to the strain at one point.
       import :: material_model_t, wp, nsig
       implicit none
       class(material_model_t), intent(in) :: self
@@ -60,6 +66,27 @@ contains
     n_state = 0
     if (allocated(self%state_names)) n_state = size(self%state_names)
   end function material_model_n_state
+
+  pure function material_model_state_unit(self, index) result(unit)
+    !! Unit of a state variable, blank for an index the model does not have.
+    class(material_model_t), intent(in) :: self
+    integer, intent(in) :: index   !! 1 ... n_state
+    character(len=8) :: unit
+
+    unit = ''
+    if (index >= 1 .and. index <= self%n_state()) unit = self%state_units(index)
+  end function material_model_state_unit
+
+  subroutine material_model_start_state(self, porosity, stress, state)
+    !! State variables of a point before anything happens: zero, unless a model knows better.
+    class(material_model_t), intent(in) :: self
+    real(wp), intent(in) :: porosity          !! [-]
+    real(wp), intent(in) :: stress(nsig)      !! effective, tension positive [Pa]
+    real(wp), intent(inout) :: state(:)       !! of the model, more may follow
+
+    state = 0.0_wp
+    if (self%n_state() > size(state) .or. .not. porosity < 1.0_wp .or. size(stress) < 3) return
+  end subroutine material_model_start_state
 
   pure function material_model_state_name(self, index) result(name)
     !! Name of a state variable for output, blank for an index the model does not have.

@@ -1,14 +1,19 @@
 !! The materials of a scene: the one place that knows the names of all constitutive models.
 module dosui_materials
   use dosui_kinds, only: wp
+  use dosui_cam_clay, only: cam_clay_t
+  use dosui_drucker_prager, only: drucker_prager_t
   use dosui_error, only: error_t
   use dosui_linear_elastic, only: linear_elastic_t
   use dosui_material_model, only: material_model_t
+  use dosui_mohr_coulomb, only: mohr_coulomb_t
   use dosui_scene, only: material_t
   implicit none
   private
 
   public :: create_material
+
+  real(wp), parameter :: degree = acos(-1.0_wp)/180.0_wp
 
   type, public :: material_holder_t
     !! One material; particles refer to it by its index in the set.
@@ -20,6 +25,7 @@ module dosui_materials
   contains
     procedure :: init => material_set_init
     procedure :: n_state => material_set_n_state
+    procedure :: is_nonlinear => material_set_is_nonlinear
   end type material_set_t
 
 contains
@@ -49,6 +55,14 @@ contains
     end do
   end function material_set_n_state
 
+  pure logical function material_set_is_nonlinear(self) result(is_nonlinear)
+    !! Has any material a stress that is no linear function of strain?
+    class(material_set_t), intent(in) :: self
+    integer :: k
+
+    is_nonlinear = any([(self%item(k)%model%is_nonlinear, k=1, size(self%item))])
+  end function material_set_is_nonlinear
+
   subroutine create_material(material, model, err)
     !! Creates the model that a material of the scene names. A new model adds its case here.
     type(material_t), intent(in) :: material
@@ -56,8 +70,7 @@ contains
     type(error_t), intent(inout) :: err
     type(linear_elastic_t) :: elastic
 
-    select case (material%model)
-    case ('linear_elastic')
+    if (material%model /= 'cam_clay') then
       if (.not. (material%poisson_ratio > -1.0_wp .and. material%poisson_ratio < 0.5_wp)) then
         call err%set('material '''//trim(material%name)//''': poisson_ratio must lie between '// &
                      '-1 and 0.5')
@@ -66,11 +79,67 @@ contains
         call err%set('material '''//trim(material%name)//''': young_modulus must be positive')
       end if
       if (err%failed()) return
+    end if
+    select case (material%model)
+    case ('linear_elastic')
       call elastic%init(material%young_modulus, material%poisson_ratio)
       allocate (model, source=elastic)
+    case ('mohr_coulomb')
+      call create_mohr_coulomb(material, model)
+    case ('drucker_prager')
+      call create_drucker_prager(material, model)
+    case ('cam_clay')
+      call create_cam_clay(material, model)
     case default
       call err%set('material '''//trim(material%name)//''': unknown model '''// &
-                   trim(material%model)//''' (known: linear_elastic)')
+                   trim(material%model)//''' (known: linear_elastic, mohr_coulomb, '// &
+                   'drucker_prager, cam_clay)')
     end select
   end subroutine create_material
+
+  subroutine create_mohr_coulomb(material, model)
+    !! Planes of strength from the scene's constants.
+    type(material_t), intent(in) :: material
+    class(material_model_t), allocatable, intent(out) :: model
+    type(mohr_coulomb_t) :: soil
+
+    soil%cohesion = material%cohesion
+    soil%friction = degree*material%friction_angle
+    soil%dilation = degree*material%dilation_angle
+    soil%tensile_strength = material%tensile_strength
+    soil%softening_strain = material%softening_strain
+    soil%residual_cohesion = material%residual_cohesion
+    soil%residual_friction = degree*material%residual_friction_angle
+    call soil%init(material%young_modulus, material%poisson_ratio)
+    allocate (model, source=soil)
+  end subroutine create_mohr_coulomb
+
+  subroutine create_drucker_prager(material, model)
+    !! The cone from the scene's constants.
+    type(material_t), intent(in) :: material
+    class(material_model_t), allocatable, intent(out) :: model
+    type(drucker_prager_t) :: soil
+
+    call soil%init(material%young_modulus, material%poisson_ratio, material%cohesion, &
+                   degree*material%friction_angle, degree*material%dilation_angle, &
+                   material%tensile_strength, trim(material%cone))
+    allocate (model, source=soil)
+  end subroutine create_drucker_prager
+
+  subroutine create_cam_clay(material, model)
+    !! Modified Cam-clay from the scene's constants.
+    type(material_t), intent(in) :: material
+    class(material_model_t), allocatable, intent(out) :: model
+    type(cam_clay_t) :: soil
+
+    soil%ratio = material%critical_state_ratio
+    soil%compression = material%compression_index
+    soil%swelling = material%swelling_index
+    soil%poisson_ratio = material%poisson_ratio
+    soil%over_consolidation = material%over_consolidation_ratio
+    soil%least_pressure = material%least_pressure
+    soil%reference_pressure = material%reference_pressure
+    call soil%init()
+    allocate (model, source=soil)
+  end subroutine create_cam_clay
 end module dosui_materials

@@ -81,7 +81,7 @@ contains
     call grid%node_map%scatter_add(comm, ndim, beside)
     call grid%node_map%gather(comm, ndim, beside)
     do c = 1, size(conditions)
-      if (conditions(c)%kind == 'traction' .or. conditions(c)%kind == 'pressure') cycle
+      if (conditions(c)%is_load()) cycle
       mark = 0.0_wp
       own = 0.0_wp
       do p = 1, n_point
@@ -178,7 +178,7 @@ contains
     if (size(sums) > 0) call comm%sum_array(sums)
     do k = 1, self%n_constraint
       c = self%condition(k)
-      factor = conditions(c)%factor%at(time)
+      factor = conditions(c)%pattern%factor%at(time)
       select case (conditions(c)%kind)
       case ('plate')
         slot = 3*(findloc(self%plate_condition, c, dim=1) - 1)

@@ -4,12 +4,10 @@ module dosui_sources
   use dosui_dimension, only: ndim, axis
   use dosui_expression, only: expression_t
   use dosui_grid, only: grid_t
-  use dosui_scene, only: source_t
+  use dosui_scene, only: axis_name, source_t
   use dosui_shape_functions, only: group_count, n_group, n_group_wide, patch_weights
   implicit none
   private
-
-  character(len=1), parameter :: name_of_axis(3) = ['x', 'y', 'z']
 
   type, public :: sources_t
     logical :: has_force = .false., has_water = .false.
@@ -32,11 +30,11 @@ contains
 
     do d = 1, ndim
       if (.not. allocated(source%force(axis(d))%text)) cycle
-      call self%force(d)%parse(source%force(axis(d))%text, [name_of_axis(axis), 't'], message)
+      call self%force(d)%parse(source%force(axis(d))%text, [axis_name(axis), 't'], message)
       self%has_force = .true.
     end do
     if (.not. allocated(source%water)) return
-    call self%water%parse(source%water, [name_of_axis(axis), 't'], message)
+    call self%water%parse(source%water, [axis_name(axis), 't'], message)
     self%has_water = .true.
   end subroutine sources_init
 

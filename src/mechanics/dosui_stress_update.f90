@@ -14,7 +14,7 @@ module dosui_stress_update
 contains
 
   subroutine update_stress(materials, n, material, strain_increment, stress, state, err, cell, &
-                           cell_volume_strain, cell_shift, spin)
+                           cell_volume_strain, cell_shift, spin, tangent)
     !! Adds the stress increments of a step, batch by batch and material by material.
     !!
     !! With cell and cell_volume_strain the volume change of each strain is replaced by that of the
@@ -33,6 +33,7 @@ contains
     real(wp), intent(in), optional :: cell_volume_strain(:) !! (n_cell) mean of the increments [-]
     real(wp), intent(in), optional :: cell_shift(:, :)      !! (nsig, n_cell) [-]
     real(wp), intent(in), optional :: spin(nshear, n)       !! as from grid_to_particles [-]
+    real(wp), intent(out), optional :: tangent(nsig, nsig, n)   !! as from the materials [Pa]
     real(wp) :: strain(nsig, chunk)
     integer :: first, last, m, p, here, run_end, n_state
 
@@ -58,9 +59,18 @@ contains
           run_end = run_end + 1
         end do
         n_state = materials%item(material(here))%model%n_state()
-        call materials%item(material(here))%model%update_stress( &
-          run_end - here + 1, strain(:, here - first + 1:run_end - first + 1), &
-          stress(:, here:run_end), state(1:n_state, here:run_end), err)
+        associate (model => materials%item(material(here))%model)
+          if (present(tangent)) then
+            call model%update_stress(run_end - here + 1, &
+                                     strain(:, here - first + 1:run_end - first + 1), &
+                                     stress(:, here:run_end), state(1:n_state, here:run_end), err, &
+                                     tangent(:, :, here:run_end))
+          else
+            call model%update_stress(run_end - here + 1, &
+                                     strain(:, here - first + 1:run_end - first + 1), &
+                                     stress(:, here:run_end), state(1:n_state, here:run_end), err)
+          end if
+        end associate
         here = run_end + 1
       end do
     end do

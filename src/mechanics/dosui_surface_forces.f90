@@ -193,8 +193,8 @@ contains
     end if
   end subroutine keep_usable
 
-  subroutine surface_forces_apply(self, comm, conditions, time, area, normal, displacement, &
-                                  velocity, force)
+  subroutine surface_forces_apply(self, comm, conditions, time, area, position, normal, &
+                                  displacement, velocity, force)
     !! Adds the forces of tractions and walls to the nodal forces. Collective when a plate is
     !! imposed by penalty: the plate's displacement follows from its equilibrium.
     class(surface_forces_t), intent(in) :: self
@@ -202,6 +202,7 @@ contains
     type(mechanical_condition_t), intent(in) :: conditions(:)
     real(wp), intent(in) :: time                                 !! [s]
     real(wp), intent(in) :: area(self%n_point)                   !! [m2]
+    real(wp), intent(in) :: position(ndim, self%n_point)         !! of the surface points [m]
     real(wp), intent(in) :: normal(ndim, self%n_point)           !! outward [-]
     real(wp), intent(in) :: displacement(ndim, self%n_point)     !! of the surface points [m]
     real(wp), intent(in) :: velocity(ndim, self%n_point)         !! of the surface points [m/s]
@@ -215,8 +216,9 @@ contains
     do e = 1, size(self%entry_point)
       p = self%entry_point(e)
       c = self%entry_condition(e)
-      traction = point_traction(conditions(c), time, normal(:, p), displacement(:, p), &
-                                velocity(:, p), self%stiffness, self%damping, plate_displacement(c))
+      traction = point_traction(conditions(c), time, position(:, p), normal(:, p), &
+                                displacement(:, p), velocity(:, p), self%stiffness, self%damping, &
+                                plate_displacement(c))
       do k = 1, self%n_part
         call spread_load(self, k, p, area(p)*traction, force)
       end do
@@ -252,11 +254,12 @@ contains
     end do
   end function part_velocity
 
-  pure function point_traction(condition, time, normal, displacement, velocity, stiffness, &
-                               damping, plate_displacement) result(traction)
+  pure function point_traction(condition, time, position, normal, displacement, velocity, &
+                               stiffness, damping, plate_displacement) result(traction)
     !! Traction of one condition on the body at a surface point [Pa].
     type(mechanical_condition_t), intent(in) :: condition
     real(wp), intent(in) :: time                                   !! [s]
+    real(wp), intent(in) :: position(ndim)                         !! of the point [m]
     real(wp), intent(in) :: normal(ndim)                           !! outward [-]
     real(wp), intent(in) :: displacement(ndim), velocity(ndim)     !! of the point [m], [m/s]
     real(wp), intent(in) :: stiffness, damping                     !! of a wall [Pa/m], [Pa s/m]
@@ -266,20 +269,21 @@ contains
 
     select case (condition%kind)
     case ('traction')
-      traction = condition%value*condition%factor%at(time)
-    case ('pressure')
-      traction = -condition%value(1)*condition%factor%at(time)*normal
+      traction = condition%value*condition%pattern%at(time, position)
+    case ('pressure', 'reservoir')
+      traction = -condition%pressure_at(time, position)*normal
     case ('fixed')
       traction = -stiffness*displacement - damping*velocity
     case ('velocity')
-      traction = stiffness*(condition%value*condition%factor%integral(time) - displacement) + &
-                 damping*(condition%value*condition%factor%at(time) - velocity)
+      traction = stiffness*(condition%value*condition%pattern%factor%integral(time) - &
+                            displacement) + &
+                 damping*(condition%value*condition%pattern%factor%at(time) - velocity)
     case default   ! roller, normal_velocity, plate: along the normal only
       wall_displacement = 0.0_wp
       wall_velocity = 0.0_wp
       if (condition%kind == 'normal_velocity') then
-        wall_displacement = condition%value(1)*condition%factor%integral(time)
-        wall_velocity = condition%value(1)*condition%factor%at(time)
+        wall_displacement = condition%value(1)*condition%pattern%factor%integral(time)
+        wall_velocity = condition%value(1)*condition%pattern%factor%at(time)
       else if (condition%kind == 'plate') then
         wall_displacement = plate_displacement
         wall_velocity = dot_product(velocity, normal)
@@ -316,8 +320,8 @@ contains
     call comm%sum_array(sums)
     do c = 1, size(conditions)
       if (.not. sums(2*c - 1) > 0.0_wp) cycle
-      plate_displacement(c) = (sums(2*c) - conditions(c)%value(1)*conditions(c)%factor%at(time))/ &
-                              sums(2*c - 1)
+      plate_displacement(c) = (sums(2*c) - conditions(c)%value(1)* &
+                               conditions(c)%pattern%factor%at(time))/sums(2*c - 1)
     end do
   end subroutine solve_plates
 
@@ -437,7 +441,7 @@ contains
     spring = 0.0_wp
     p = self%entry_point(entry)
     kind = trim(conditions(self%entry_condition(entry))%kind)
-    if (kind == 'traction' .or. kind == 'pressure') return
+    if (conditions(self%entry_condition(entry))%is_load()) return
     do k = 1, self%n_part
       do i = 1, 2**ndim
         if (self%node(i, k, p) == 0) cycle
@@ -467,9 +471,9 @@ contains
     real(wp) :: velocity(ndim)
 
     velocity = 0.0_wp
-    if (condition%kind == 'velocity') velocity = condition%value*condition%factor%at(time)
+    if (condition%kind == 'velocity') velocity = condition%value*condition%pattern%factor%at(time)
     if (condition%kind == 'normal_velocity') then
-      velocity = condition%value(1)*condition%factor%at(time)*normal
+      velocity = condition%value(1)*condition%pattern%factor%at(time)*normal
     end if
   end function wall_velocity
 

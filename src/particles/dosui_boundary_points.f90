@@ -2,6 +2,7 @@
 module dosui_boundary_points
   use dosui_kinds, only: wp, i8
   use dosui_dimension, only: ndim
+  use dosui_barriers, only: barrier_face_t, barrier_faces
   use dosui_communicator, only: communicator_t
   use dosui_face_pieces, only: face_piece, piece_count
   use dosui_particle_fields, only: surface_handles_t
@@ -42,6 +43,7 @@ contains
         patch = patch + 1 + size(scene%surface)
       end do
     end do
+    if (allocated(scene%barrier)) call seed_barriers(comm, scene, patch, id, points, handles)
     do s = 1, size(scene%surface)
       if (comm%any(touched(s))) cycle
       problems = problems//"&surface '"//trim(scene%surface(s)%name)// &
@@ -82,9 +84,65 @@ contains
       points%field(handles%area)%values(1, i) = area
       points%field(handles%surface)%values(1, i) = real(s, wp)
       points%field(handles%patch)%values(1, i) = real(first_patch + s, wp)
+      if (handles%has_head > 0) points%field(handles%has_head)%values(1, i) = 0.0_wp
+      if (handles%material > 0) points%field(handles%material)%values(1, i) = &
+        real(findloc(scene%material%name == scene%region(r)%material, .true., dim=1), wp)
     end do
     id = id + total
   end subroutine seed_face
+
+  subroutine seed_barriers(comm, scene, last_patch, last_id, points, handles)
+    !! This rank's share of the two sides of barriers, as far as they lie in regions.
+    type(communicator_t), intent(in) :: comm
+    type(scene_t), intent(in) :: scene
+    integer, intent(in) :: last_patch         !! given out so far
+    integer(i8), intent(in) :: last_id        !! likewise
+    type(point_set_t), intent(inout) :: points
+    type(surface_handles_t), intent(in) :: handles
+    type(barrier_face_t), allocatable :: faces(:)
+    real(wp) :: x(ndim), spacing
+    integer(i8) :: id
+    integer :: f, k, r, side, i
+
+    spacing = minval([(region_spacing(scene, scene%region(r)), r=1, size(scene%region))])
+    faces = barrier_faces(scene%barrier, spacing)
+    id = last_id
+    do f = 1, size(faces)
+      do k = 1, product(faces(f)%n_piece(:max(1, ndim - 1)))
+        x = faces(f)%centre(k)
+        do side = -1, 1, 2
+          id = id + 1_i8
+          if (mod(k, comm%size) /= comm%rank) cycle
+          if (.not. faces(f)%contains(x)) cycle
+          r = region_at(scene, x)
+          if (r == 0) cycle
+          i = points%count + 1
+          call points%resize(i)
+          points%id(i) = id
+          points%field(handles%position)%values(:, i) = x
+          points%field(handles%normal)%values(:, i) = real(side, wp)*faces(f)%normal
+          points%field(handles%area)%values(1, i) = product(faces(f)%piece(:max(1, ndim - 1)))
+          points%field(handles%surface)%values(1, i) = -real(f, wp)
+          points%field(handles%patch)%values(1, i) = real(last_patch + 2*f + max(side, 0), wp)
+          if (handles%has_head > 0) points%field(handles%has_head)%values(1, i) = 0.0_wp
+          if (handles%material > 0) points%field(handles%material)%values(1, i) = &
+            real(findloc(scene%material%name == scene%region(r)%material, .true., dim=1), wp)
+        end do
+      end do
+    end do
+  end subroutine seed_barriers
+
+  pure integer function region_at(scene, position) result(region)
+    !! The region that holds a position, 0 for none.
+    type(scene_t), intent(in) :: scene
+    real(wp), intent(in) :: position(ndim)   !! [m]
+    integer :: r
+
+    region = 0
+    do r = 1, size(scene%region)
+      if (shape_contains(scene%region(r), position, 0.0_wp)) region = r
+    end do
+  end function region_at
 
   pure logical function is_interior(scene, r, outside) result(interior)
     !! Does a position just outside a region lie inside another one?

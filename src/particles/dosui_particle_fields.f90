@@ -23,6 +23,7 @@ module dosui_particle_fields
     integer :: conductivity = 0       !! k [m/s]
     integer :: deformation = 0        !! F_ab = dx_a/dX_b at a + (b - 1) ndim, finite strains [-]
     integer :: reference_volume = 0   !! before any deformation, finite strains [m3]
+    integer :: state = 0              !! state variables of the materials
     integer :: start_pressure = 0     !! pore pressure before any load, adaptive steps only [Pa]
   end type particle_handles_t
 
@@ -38,19 +39,29 @@ module dosui_particle_fields
     integer :: velocity = 0           !! [m/s]
     integer :: deformation = 0        !! F as for particles, finite strains [-]
     integer :: reference_area = 0     !! outward area before any deformation, finite strains [m2]
+    integer :: has_head = 0           !! 1 where a point that may switch has a head now [-]
+    integer :: material = 0           !! of the region, in scenes with suction [-]
   end type surface_handles_t
+
+  type, public :: field_needs_t
+    !! What a scene asks of its particles and surface points.
+    logical :: coupled = .false.       !! water is computed
+    logical :: affine = .false.        !! APIC transfer
+    logical :: updated = .false.       !! particles move
+    logical :: finite = .false.        !! finite strains
+    logical :: adaptive = .false.      !! steps are chosen by their error
+    logical :: switching = .false.     !! surface points may change between head and flux
+    logical :: unsaturated = .false.   !! suction empties pores
+    integer :: n_state = 0             !! state variables of the materials
+  end type field_needs_t
 
 contains
 
-  subroutine register_particle_fields(set, handles, coupled, affine, updated, finite, adaptive)
+  subroutine register_particle_fields(set, handles, needs)
     !! Registers what a scene needs; dry scenes hold no water.
     type(point_set_t), intent(inout) :: set
     type(particle_handles_t), intent(out) :: handles
-    logical, intent(in) :: coupled   !! water is computed
-    logical, intent(in) :: affine    !! APIC transfer
-    logical, intent(in) :: updated   !! particles move
-    logical, intent(in) :: finite    !! finite strains
-    logical, intent(in) :: adaptive  !! steps are chosen by their error
+    type(field_needs_t), intent(in) :: needs
     logical, parameter :: yes = .true., no = .false.
 
     ! name, unit, width, migrates, halo, output, checkpoint
@@ -62,25 +73,28 @@ contains
     handles%mass = set%add('mass', 'kg', 1, yes, no, no, yes)
     handles%porosity = set%add('porosity', '-', 1, yes, no, yes, yes)
     handles%material = set%add('material', '-', 1, yes, no, yes, yes)
-    if (affine) handles%affine = set%add('affine', '1/s', ndim*ndim, yes, no, no, yes)
-    if (updated .or. finite) handles%position_at_build = &
+    if (needs%n_state > 0) then
+      handles%state = set%add('state', '', needs%n_state, yes, no, no, yes)
+    end if
+    if (needs%affine) handles%affine = set%add('affine', '1/s', ndim*ndim, yes, no, no, yes)
+    if (needs%updated .or. needs%finite) handles%position_at_build = &
       set%add('position_at_build', 'm', ndim, yes, yes, no, yes)
-    if (finite) then
+    if (needs%finite) then
       handles%deformation = set%add('deformation', '-', ndim*ndim, yes, no, no, yes)
       handles%reference_volume = set%add('reference_volume', 'm3', 1, yes, no, no, yes)
     end if
-    if (.not. coupled) return
+    if (.not. needs%coupled) return
     handles%pore_pressure = set%add('pore_pressure', 'Pa', 1, yes, no, yes, yes)
     handles%conductivity = set%add('conductivity', 'm/s', 1, yes, yes, no, yes)
-    if (adaptive) handles%start_pressure = set%add('start_pressure', 'Pa', 1, yes, no, no, yes)
+    if (needs%adaptive) handles%start_pressure = &
+      set%add('start_pressure', 'Pa', 1, yes, no, no, yes)
   end subroutine register_particle_fields
 
-  subroutine register_surface_fields(set, handles, updated, finite)
+  subroutine register_surface_fields(set, handles, needs)
     !! Registers the fields of surface points.
     type(point_set_t), intent(inout) :: set
     type(surface_handles_t), intent(out) :: handles
-    logical, intent(in) :: updated   !! particles move
-    logical, intent(in) :: finite    !! finite strains
+    type(field_needs_t), intent(in) :: needs
     logical, parameter :: yes = .true., no = .false.
 
     handles%position = set%add('position', 'm', ndim, yes, yes, no, yes)
@@ -90,9 +104,11 @@ contains
     handles%patch = set%add('patch', '-', 1, yes, yes, no, yes)
     handles%displacement = set%add('displacement', 'm', ndim, yes, no, no, yes)
     handles%velocity = set%add('velocity', 'm/s', ndim, yes, no, no, yes)
-    if (updated .or. finite) handles%position_at_build = &
+    if (needs%updated .or. needs%finite) handles%position_at_build = &
       set%add('position_at_build', 'm', ndim, yes, yes, no, yes)
-    if (.not. finite) return
+    if (needs%switching) handles%has_head = set%add('has_head', '-', 1, yes, yes, no, yes)
+    if (needs%unsaturated) handles%material = set%add('material', '-', 1, yes, yes, no, yes)
+    if (.not. needs%finite) return
     handles%deformation = set%add('deformation', '-', ndim*ndim, yes, no, no, yes)
     handles%reference_area = set%add('reference_area', 'm2', ndim, yes, no, no, yes)
   end subroutine register_surface_fields

@@ -120,6 +120,21 @@ def _animate(options: argparse.Namespace) -> int:
         )
 
 
+def _material(options: argparse.Namespace) -> int:
+    from dosui_post.material import draw_tests, element_tests
+
+    tests = element_tests(options.scene, options.pressure, options.program)
+    names = list(dict.fromkeys(test.material for test in tests))
+    for name in names if options.material is None else [options.material]:
+        output = Path(f"{options.scene.stem}_{name}.png")
+        if options.output is not None:
+            output = Path(options.output)
+            if len(names) > 1 and options.material is None:
+                output = output.with_name(f"{output.stem}_{name}{output.suffix}")
+        _wrote(draw_tests(tests, name, output))
+    return _PASSED
+
+
 def _report(options: argparse.Namespace) -> int:
     from dosui_post.report.command import Request, report
 
@@ -166,6 +181,7 @@ def _parser() -> argparse.ArgumentParser:
     plot = commands.add_parser("plot", help="draw a figure")
     _add_plots(plot.add_subparsers(metavar="FIGURE", required=True))
     _add_animate(commands)
+    _add_material(commands)
     _add_report(commands)
     return parser
 
@@ -244,6 +260,27 @@ def _add_animate(commands: _Commands) -> None:
     )
     _add_output(animate)
     animate.set_defaults(run=_animate)
+
+
+def _add_material(commands: _Commands) -> None:
+    material = commands.add_parser(
+        "material",
+        help="draw laboratory tests of a scene's soils",
+        description="Runs `dosui --elements SCENE`: oedometer, triaxial and simple shear tests,"
+        " drained and undrained, and draws one picture a soil.",
+    )
+    material.add_argument("scene", metavar="SCENE", type=Path)
+    material.add_argument(
+        "--pressure",
+        type=_positive,
+        default=1.0e5,
+        metavar="PA",
+        help="confining pressure (default: 1e5)",
+    )
+    material.add_argument("--material", metavar="NAME", help="only this one")
+    material.add_argument("--program", type=Path, metavar="PATH", help="dosui (default: on PATH)")
+    material.add_argument("-o", "--output", metavar="PATH", help="default: <scene>_<material>.png")
+    material.set_defaults(run=_material)
 
 
 def _add_report(commands: _Commands) -> None:

@@ -1,0 +1,146 @@
+!! Drucker-Prager plasticity with a tension cut-off:
+!!
+!!     sqrt(J2) + eta m <= xi c,   m <= m_t          (m: mean stress, tension positive)
+!!
+!! eta and xi fit the cone to Mohr-Coulomb's planes: at triaxial compression, at triaxial extension,
+!! or for plane strain (de Souza Neto et al. 2008, ch. 6).
+module dosui_drucker_prager
+  use dosui_kinds, only: wp
+  use dosui_dimension, only: nsig
+  use dosui_error, only: error_t
+  use dosui_isotropic_model, only: isotropic_model_t
+  use dosui_principal, only: deviator_of, elastic_matrix, tangent_from_invariants
+  implicit none
+  private
+
+  integer, parameter :: plastic_strain = 1   ! state variable: plastic shear strain [-]
+
+  type, extends(isotropic_model_t), public :: drucker_prager_t
+    real(wp) :: eta = 0.0_wp             !! slope of the cone [-]
+    real(wp) :: flow = 0.0_wp            !! slope of the plastic potential [-]
+    real(wp) :: strength = 0.0_wp        !! xi c [Pa]
+    real(wp) :: largest_mean = huge(1.0_wp)   !! m_t, not beyond the apex [Pa]
+  contains
+    procedure :: init => drucker_prager_init
+    procedure :: update_stress => drucker_prager_update_stress
+  end type drucker_prager_t
+
+contains
+
+  pure subroutine drucker_prager_init(self, young_modulus, poisson_ratio, cohesion, friction, &
+                                      dilation, tensile_strength, cone)
+    !! Fits the cone.
+    class(drucker_prager_t), intent(inout) :: self
+    real(wp), intent(in) :: young_modulus, poisson_ratio   !! drained [Pa], [-]
+    real(wp), intent(in) :: cohesion                       !! c [Pa]
+    real(wp), intent(in) :: friction, dilation             !! phi, psi [rad]
+    real(wp), intent(in) :: tensile_strength               !! largest mean stress [Pa]
+    character(len=*), intent(in) :: cone
+    !! 'compression', 'extension' or 'plane_strain'
+
+    call self%set_elasticity(young_modulus, poisson_ratio)
+    self%is_nonlinear = .true.
+    self%state_names = [character(len=32) :: 'plastic_shear_strain']
+    self%state_units = [character(len=8) :: '-']
+    self%eta = slope_of(friction)
+    self%flow = slope_of(dilation)
+    self%strength = cohesion*factor_of(friction)
+    self%largest_mean = tensile_strength
+    if (self%eta > 0.0_wp) self%largest_mean = min(tensile_strength, self%strength/self%eta)
+
+  contains
+
+    pure real(wp) function slope_of(angle) result(slope)
+      !! eta of an angle.
+      real(wp), intent(in) :: angle
+
+      slope = factor_of(angle)*tan(angle)
+    end function slope_of
+
+    pure real(wp) function factor_of(angle) result(factor)
+      !! xi of an angle.
+      real(wp), intent(in) :: angle
+
+      select case (cone)
+      case ('extension')
+        factor = 6.0_wp*cos(angle)/(sqrt(3.0_wp)*(3.0_wp + sin(angle)))
+      case ('plane_strain')
+        factor = 3.0_wp/sqrt(9.0_wp + 12.0_wp*tan(angle)**2)
+      case default   ! compression
+        factor = 6.0_wp*cos(angle)/(sqrt(3.0_wp)*(3.0_wp - sin(angle)))
+      end select
+    end function factor_of
+  end subroutine drucker_prager_init
+
+  subroutine drucker_prager_update_stress(self, n, strain_increment, stress, state, err, tangent)
+    !! Stresses after strain increments, and their consistent tangents. Cannot fail.
+    class(drucker_prager_t), intent(in) :: self
+    integer, intent(in) :: n
+    real(wp), intent(in) :: strain_increment(nsig, n)
+    real(wp), intent(inout) :: stress(nsig, n)
+    real(wp), intent(inout) :: state(:, :)
+    type(error_t), intent(inout) :: err
+    real(wp), intent(out), optional :: tangent(nsig, nsig, n)
+    real(wp) :: elastic(nsig, nsig), deviator(nsig), trial_mean, trial_length, mean, length
+    real(wp) :: of_mean(2), of_length(2), bulk
+    integer :: p
+    logical :: is_elastic
+
+    if (err%failed()) return
+    bulk = self%bulk_modulus()
+    elastic = elastic_matrix(self%lambda, self%shear)
+    do p = 1, n
+      stress(:, p) = stress(:, p) + matmul(elastic, strain_increment(:, p))
+      call deviator_of(stress(:, p), trial_mean, deviator, trial_length)
+      call return_to_cone(self, bulk, trial_mean, trial_length, mean, length, of_mean, of_length, &
+                          is_elastic)
+      if (present(tangent)) tangent(:, :, p) = elastic
+      if (is_elastic) cycle
+      if (trial_length > 0.0_wp) stress(:, p) = deviator*(length/trial_length)
+      stress(1:3, p) = stress(1:3, p) + mean
+      if (.not. trial_length > 0.0_wp) stress(1:3, p) = mean
+      state(plastic_strain, p) = state(plastic_strain, p) + (trial_length - length)/self%shear
+      if (present(tangent)) then
+        tangent(:, :, p) = tangent_from_invariants(bulk, self%shear, deviator, trial_length, &
+                                                   length, of_mean, of_length)
+      end if
+    end do
+  end subroutine drucker_prager_update_stress
+
+  pure subroutine return_to_cone(self, bulk, trial_mean, trial_length, mean, length, of_mean, &
+                                 of_length, is_elastic)
+    !! Kernel: mean stress and sqrt(J2) on the cone, the cut-off, or the edge between them.
+    type(drucker_prager_t), intent(in) :: self
+    real(wp), intent(in) :: bulk                         !! K [Pa]
+    real(wp), intent(in) :: trial_mean, trial_length     !! [Pa]
+    real(wp), intent(out) :: mean, length                !! [Pa]
+    real(wp), intent(out) :: of_mean(2), of_length(2)    !! their derivatives by the trials [-]
+    logical, intent(out) :: is_elastic
+    real(wp) :: excess, multiplier, stiffness
+
+    mean = trial_mean
+    length = trial_length
+    of_mean = [1.0_wp, 0.0_wp]
+    of_length = [0.0_wp, 1.0_wp]
+    excess = trial_length + self%eta*trial_mean - self%strength
+    is_elastic = excess <= 0.0_wp .and. trial_mean <= self%largest_mean
+    if (is_elastic) return
+    if (excess > 0.0_wp) then
+      stiffness = self%shear + bulk*self%eta*self%flow
+      multiplier = excess/stiffness
+      mean = trial_mean - bulk*self%flow*multiplier
+      length = trial_length - self%shear*multiplier
+      of_mean = [1.0_wp, 0.0_wp] - bulk*self%flow/stiffness*[self%eta, 1.0_wp]
+      of_length = [0.0_wp, 1.0_wp] - self%shear/stiffness*[self%eta, 1.0_wp]
+    end if
+    if (mean <= self%largest_mean .and. length >= 0.0_wp) return
+    mean = self%largest_mean   ! the cut-off, and its edge with the cone
+    of_mean = 0.0_wp
+    length = trial_length
+    of_length = [0.0_wp, 1.0_wp]
+    if (length + self%eta*mean > self%strength) then
+      length = max(0.0_wp, self%strength - self%eta*mean)
+      of_length = 0.0_wp
+    end if
+  end subroutine return_to_cone
+end module dosui_drucker_prager

@@ -13,12 +13,14 @@ EXPLICIT = Method("explicit", "explicit")
 TWO_PASS = Method("explicit, two-pass", "explicit", operator="two_pass")
 SCALED = Method("explicit, scaled inertia", "explicit", is_scaled=True)
 QUASI_STATIC = Method("quasi-static", "quasi_static")
+LINE = Method("quasi-static, 1-D", "quasi_static", is_line=True)
 QUASI_STATIC_TWO_PASS = Method("quasi-static, two-pass", "quasi_static", operator="two_pass")
 SEMI_IMPLICIT = Method("semi-implicit", "semi_implicit")
 SEMI_SCALED = Method("semi-implicit, scaled inertia", "semi_implicit", is_scaled=True)
 
 METHODS = (
     QUASI_STATIC,
+    LINE,
     SEMI_IMPLICIT,
     SEMI_SCALED,
     EXPLICIT,
@@ -81,6 +83,8 @@ def quick_matrix() -> list[Job]:
             jobs += _cross(problem, QUASI_STATIC, fine, _TOLERANCES, (1,))
             jobs += _cross(problem, QUASI_STATIC_TWO_PASS, spacings[1:2], _TOLERANCES[1:2], (1,))
             jobs += _cross(problem, QUASI_STATIC, fine[-1:], _TOLERANCES[1:2], (2,))
+            if name == "terzaghi":
+                jobs += _cross(problem, LINE, fine, _TOLERANCES, (1,))
     return jobs
 
 
@@ -105,6 +109,8 @@ def full_matrix() -> list[Job]:
             if problem is None:
                 continue
             jobs += _cross(problem, QUASI_STATIC, fine, _TOLERANCES, (1, 2))
+            if name == "terzaghi":
+                jobs += _cross(problem, LINE, fine, _TOLERANCES, (1,))
             jobs += _cross(problem, QUASI_STATIC_TWO_PASS, spacings, _TOLERANCES, (1,))
         if stiff is not None:
             jobs += _cross(stiff, EXPLICIT, spacings, (_COURANT,), (1,))

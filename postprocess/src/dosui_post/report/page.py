@@ -33,7 +33,8 @@ explicit integrator can be afforded; *pure water* has K_w = 2.2 GPa and k = 1e-7
 runs are only estimated: steps by `dosui --check`, time from the run with soft water whose steps
 cost the same, without its start. The exact solutions contain the water's compressibility. Methods:
 *explicit* has the compact operator, *two-pass* is the published MLS-SPH recipe with FLIP, *scaled
-inertia* a density scaling with which a wave of the skeleton crosses the body in 1 % of the run.
+inertia* a density scaling with which a wave of the skeleton crosses the body in 1 % of the run,
+*1-D* the column as what it is; the other programs' columns are one element wide.
 
 ## Efficiency
 

@@ -126,6 +126,8 @@ class Method:
     operator: str = "compact"
     is_scaled: bool = False
     """with the inertia of `Problem.density_scaling`"""
+    is_line: bool = False
+    """a column as what it is: in one dimension"""
 
     @property
     def is_explicit(self) -> bool:
@@ -148,7 +150,9 @@ def scene_text(problem: Problem, method: Method, spacing: float, control: str) -
     """The namelist; `control`: keys of &time, such as `courant = 0.5`."""
     *early, end = problem.times
     start = "undrained_start = .true." if method.is_explicit and problem.kind != "drainage" else ""
-    return f"""&scene title = '{problem.title}' dimension = 2 integrator = '{method.integrator}' /
+    dimension = 1 if method.is_line else 2
+    return f"""&scene title = '{problem.title}' dimension = {dimension}
+  integrator = '{method.integrator}' /
 &grid spacing = {spacing!r} /
 &time end_time = {end!r} {start} {control}
   output_times = {", ".join(repr(time) for time in early)} /
@@ -156,20 +160,34 @@ def scene_text(problem: Problem, method: Method, spacing: float, control: str) -
   hydraulic_conductivity = {problem.water.conductivity!r} /
 &water bulk_modulus = {problem.water.bulk_modulus!r} operator = '{method.operator}' /
 &mechanics {method.mechanics(problem)} /
-&region name = 'body' material = 'soil' box_min = 0.0, 0.0
+{_line(problem, spacing) if method.is_line else _plane(problem, spacing)}
+&output name = 'result' /
+{_verification(problem, method.is_line)}
+"""
+
+
+# ---------------------------------------------------------------------- inside
+
+
+def _line(problem: Problem, spacing: float) -> str:
+    return f"""&region name = 'body' material = 'soil' box_min = 0.0 box_max = {problem.size[1]!r}
+  particle_spacing = {spacing!r} /
+&surface name = 'base' region = 'body' face = 'z-' /
+&surface name = 'top' region = 'body' face = 'z+' /
+&mechanical_condition surface = 'base' kind = 'roller' /
+&mechanical_condition surface = 'top' kind = 'pressure' value = {problem.load!r} /
+&hydraulic_condition surface = 'top' kind = 'head' value = 0.0 /"""
+
+
+def _plane(problem: Problem, spacing: float) -> str:
+    return f"""&region name = 'body' material = 'soil' box_min = 0.0, 0.0
   box_max = {problem.size[0]!r}, {problem.size[1]!r} particle_spacing = {spacing!r}
   shape_angle = {problem.angle!r} lattice_angle = {problem.angle!r} jitter = {problem.jitter!r} /
 &surface name = 'base' region = 'body' face = 'z-' /
 &surface name = 'left' region = 'body' face = 'x-' /
 &surface name = 'right' region = 'body' face = 'x+' /
 &surface name = 'top' region = 'body' face = 'z+' /
-{_conditions(problem)}
-&output name = 'result' /
-{_verification(problem)}
-"""
-
-
-# ---------------------------------------------------------------------- inside
+{_conditions(problem)}"""
 
 
 def _skeleton(problem: Problem) -> str:
@@ -192,8 +210,13 @@ def _conditions(problem: Problem) -> str:
     return "\n".join([*walls, load("pressure", problem.load), drain("top")])
 
 
-def _verification(problem: Problem) -> str:
+def _verification(problem: Problem, is_line: bool) -> str:
     width, height = problem.size
+    if is_line:
+        return (
+            f"&verification case = '{problem.kind}' load = {problem.load!r}"
+            f" length = {problem.length!r}\n  drained = {height!r} direction = -1.0 /"
+        )
     if problem.kind == "mandel":
         drained, direction = (width, 0.0), (-1.0, 0.0)
     else:

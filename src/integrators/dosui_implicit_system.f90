@@ -27,7 +27,7 @@ module dosui_implicit_system
   implicit none
   private
 
-  public :: surface_gradients
+  public :: add_hourglass_forces, surface_gradients
 
   integer, parameter :: direct_limit(3) = [500000, 12000, 4000]   !! unknowns in 1-D, 2-D, 3-D
   integer, parameter :: last_resort = 20   !! times as many are factorised where iterations fail
@@ -60,7 +60,6 @@ module dosui_implicit_system
     procedure :: internal_forces => implicit_internal_forces
     procedure :: stored => implicit_stored
     procedure :: stored_by_projection => implicit_stored_by_projection
-    procedure :: hourglass_forces => implicit_hourglass_forces
     procedure :: turn_direct => implicit_turn_direct
     procedure :: set_step => implicit_set_step
     procedure :: volume_change => implicit_volume_change
@@ -760,7 +759,9 @@ contains
       if (.not. model%storage%projected) then
         do p = 1, n
           call storage%add(row(p), row(p), w(p)*model%storage%compressibility(p))
-          call coupling%add(row(p), row(p), w(p)/volume_modulus(model, p))
+          softness = 0.0_wp
+          if (.not. model%rigid) softness = w(p)/volume_modulus(model, p)
+          call coupling%add(row(p), row(p), softness)
         end do
         return
       end if
@@ -891,10 +892,9 @@ contains
     stored(1:n_p) = y(n_u + 1:)*self%volume
   end subroutine implicit_stored
 
-  subroutine implicit_stored_by_projection(self, model, pressure, stored)
+  subroutine implicit_stored_by_projection(self, pressure, stored)
     !! S V p of increments of pressure, S as `build` found it, without what suction adds.
     class(implicit_system_t), intent(in) :: self
-    type(model_t), intent(in) :: model
     real(wp), intent(in) :: pressure(:)     !! of owned particles [Pa]
     real(wp), intent(out) :: stored(:)      !! [m3]
     integer :: k
@@ -907,10 +907,9 @@ contains
     end do
   end subroutine implicit_stored_by_projection
 
-  subroutine implicit_hourglass_forces(self, model, motion, force)
+  subroutine add_hourglass_forces(model, motion, force)
     !! Adds the forces by which cells with one particle resist hourglass modes of a motion.
     !! Collective.
-    class(implicit_system_t), intent(in) :: self
     type(model_t), intent(inout) :: model
     real(wp), intent(in) :: motion(:, :)       !! (ndim, n_node) [m]
     real(wp), intent(inout) :: force(:, :)     !! (ndim, n_node), complete [N]
@@ -944,7 +943,7 @@ contains
     call model%grid%node_map%scatter_add(model%comm, ndim, internal)
     call model%grid%node_map%gather(model%comm, ndim, internal)
     force = force + internal
-  end subroutine implicit_hourglass_forces
+  end subroutine add_hourglass_forces
 
   subroutine implicit_solve(self, model, flow_weight, force, time, prescribed, has_prescribed, &
                             supply, tolerance, is_guess, motion, pressure, err, without_loads)

@@ -13,7 +13,7 @@ module dosui_quasi_static
   use dosui_dimension, only: ndim
   use dosui_error, only: error_t
   use dosui_finite_state, only: finite_start_t
-  use dosui_implicit_system, only: implicit_system_t
+  use dosui_implicit_system, only: add_hourglass_forces, implicit_system_t
   use dosui_model, only: model_t
   use dosui_pore_water, only: content_change, mean_saturation, wet_masses
   use dosui_scene, only: table_t
@@ -565,7 +565,7 @@ contains
       return
     end if
     call find_flow(model, time, start + pressure, water)
-    call self%system%stored_by_projection(model, pressure, stored)
+    call self%system%stored_by_projection(pressure, stored)
     water = supply + a*water - stored - model%weight* &
             (content_change(model, start, start + pressure) - &
              model%storage%compressibility*pressure)
@@ -593,7 +593,7 @@ contains
     else
       call gather_forces(model)
       force = model%nodal(2 + ndim:, :)
-      call self%system%hourglass_forces(model, motion, force)
+      call add_hourglass_forces(model, motion, force)
     end if
   end subroutine force_residual
 

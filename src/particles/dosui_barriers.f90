@@ -82,13 +82,15 @@ contains
     face%low = 0.0_wp
     high = 0.0_wp
     do k = 2, size(vertices, 2)
-      do d = 1, ndim - 1
+      do d = 1, 2
+        if (d >= ndim) exit
         place = dot_product(vertices(:, k) - vertices(:, 1), face%along(:, d))
         face%low(d) = min(face%low(d), place)
         high(d) = max(high(d), place)
       end do
     end do
-    do d = 1, ndim - 1
+    do d = 1, 2
+      if (d >= ndim) exit
       face%n_piece(d) = max(1, nint((high(d) - face%low(d))/spacing))
       face%piece(d) = (high(d) - face%low(d))/real(face%n_piece(d), wp)
     end do
@@ -155,7 +157,8 @@ contains
 
     index = [mod(piece - 1, self%n_piece(1)), (piece - 1)/self%n_piece(1)]
     position = self%vertex(:, 1)
-    do d = 1, ndim - 1
+    do d = 1, 2
+      if (d >= ndim) exit
       position = position + (self%low(d) + (real(index(d), wp) + 0.5_wp)*self%piece(d))* &
                  self%along(:, d)
     end do
@@ -168,7 +171,8 @@ contains
     integer :: d
 
     faces = .true.
-    do d = 1, ndim - 1
+    do d = 1, 2
+      if (d >= ndim) exit
       faces = faces .and. abs(dot_product(position - centre, self%along(:, d))) <= &
         (0.5_wp + tolerance)*self%piece(d)
     end do

@@ -418,8 +418,8 @@ contains
                 key('cohesion', 'c; with friction_angle = 0 the undrained strength', unit='Pa', &
                     range='>= 0', only=both, applies=applies))
     call v%real(material%friction_angle, &
-                key('friction_angle', 'angle of friction', unit='deg', range='>= 0 and < 90', only=both, &
-                    applies=applies))
+                key('friction_angle', 'angle of friction', unit='deg', range='>= 0 and < 90', &
+                    only=both, applies=applies))
     call v%real(material%dilation_angle, &
                 key('dilation_angle', 'psi, not above friction_angle', unit='deg', &
                     range='>= 0 and < 90', only=both, applies=applies))

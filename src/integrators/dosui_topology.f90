@@ -498,6 +498,7 @@ contains
     surface_handle = model%s%position
     if (model%updated .or. model%finite) surface_handle = model%s%position_at_build
     radius = model%scene%water%support_radius*model%spacing
+    call follow_porosity(model)
     call model%head_operator%clear()
     call find_ghosts(model%comm, model%surface, surface_handle, n, &
                      model%particles%field(handle)%values(:, 1:n), radius, model%surface_map)
@@ -551,6 +552,26 @@ contains
     model%largest_row_sum = model%head_operator%largest_row_sum()
     call refresh_storage(model)
   end subroutine build_water
+
+  subroutine follow_porosity(model)
+    !! Conductivities of soils with Kozeny and Carman's law: k ~ n^3/(1 - n)^2.
+    type(model_t), intent(inout) :: model
+    real(wp) :: first, factor
+    integer :: p
+
+    if (all(model%scene%material%conductivity_law /= 'kozeny_carman')) return
+    associate (porosity => model%particles%field(model%p%porosity)%values, &
+               conductivity => model%particles%field(model%p%conductivity)%values)
+      do p = 1, model%particles%count
+        associate (material => model%scene%material(model%material(p)))
+          if (material%conductivity_law /= 'kozeny_carman') cycle
+          first = material%porosity
+          factor = (porosity(1, p)/first)**3*((1.0_wp - first)/(1.0_wp - porosity(1, p)))**2
+          conductivity(1, p) = material%hydraulic_conductivity*factor
+        end associate
+      end do
+    end associate
+  end subroutine follow_porosity
 
   subroutine set_all_elevations(model, n_local)
     !! Elevations of owned particles (ghosts get whole heads from their owners).

@@ -52,6 +52,7 @@ module dosui_scene
     real(wp) :: solid_density = 2650.0_wp            !! of the grains [kg/m3]
     real(wp) :: porosity = 0.3_wp                    !! initial [-]
     real(wp) :: hydraulic_conductivity = 0.0_wp      !! k [m/s]
+    character(len=name_length) :: conductivity_law = 'constant'   !! or 'kozeny_carman'
     logical :: rigid = .false.                       !! skeleton does not move: pure seepage
     real(wp) :: cohesion = 0.0_wp                    !! c [Pa]
     real(wp) :: friction_angle = 0.0_wp              !! phi [deg]

@@ -637,6 +637,13 @@ contains
                               'needs gravity along -z in &scene')
       end if
     end do
+    do k = 1, size(scene%material)
+      if (scene%material(k)%conductivity_law == 'constant') cycle
+      if (scene%deformation == 'small_strain') then
+        call checker%complain('material', k, 'conductivity_law', 'needs deformation = '// &
+                              '''finite'' or ''updated'': porosity does not change otherwise')
+      end if
+    end do
     is_unsaturated = any(scene%material%retention /= 'none') .and. scene%water_mode /= 'none'
     if (.not. is_unsaturated) return
     if (is_literal) call checker%complain('water', 1, 'operator', &

@@ -401,6 +401,11 @@ contains
     call v%real(material%hydraulic_conductivity, &
                 key('hydraulic_conductivity', 'Darcy''s k; 0: undrained', unit='m/s', &
                     range='>= 0', only='water = ''saturated'' in &scene', applies=.not. is_dry))
+    call v%name(material%conductivity_law, &
+                key('conductivity_law', 'constant, or following the porosity n of bodies that '// &
+                    'deform much: n^3/(1 - n)^2 over its first value', &
+                    choices='constant kozeny_carman', only='water = ''saturated'' in &scene', &
+                    applies=.not. is_dry))
     call visit_retention(v, material, is_dry)
   end subroutine visit_material
 

@@ -63,6 +63,94 @@ class SoftColumn:
 """
 
 
+WEIGHT_TIMES = (0.1, 0.3, 1.0)  # c_v t/H2
+HEIGHT, SOLID, WATER, VOIDS = 10.0, 2650.0, 1000.0, 0.7  # m, kg/m3, kg/m3, porosity at first
+SOFT = 8.0e4  # stiffness of the sediment [Pa]
+
+
+def own_weight(law: str, cells: int = 40) -> str:
+    """A sediment that settles under its own weight, drained at its moving top."""
+    c_v = 1.0e-6 * SOFT / UNIT_WEIGHT
+    times = [factor * HEIGHT**2 / c_v for factor in WEIGHT_TIMES]
+    return f"""
+&scene dimension = 1 deformation = 'finite' integrator = 'quasi_static' gravity = -9.81 /
+&grid spacing = {HEIGHT / cells} /
+&time end_time = {times[-1]!r} output_times = {times[0]!r}, {times[1]!r}
+  relative_tolerance = 1e-4 /
+&material name = 'mud' young_modulus = {SOFT} poisson_ratio = 0.0 porosity = {VOIDS}
+  solid_density = {SOLID} hydraulic_conductivity = 1.0e-6 conductivity_law = '{law}' /
+&water bulk_modulus = 2.2e9 /
+&region name = 'mud' material = 'mud' box_min = 0.0 box_max = {HEIGHT} particles_per_cell = 1 /
+&surface name = 'top' region = 'mud' face = 'z+' /
+&surface name = 'rock' region = 'mud' face = 'z-' /
+&mechanical_condition surface = 'rock' kind = 'roller' /
+&hydraulic_condition surface = 'top' kind = 'pressure' value = 0.0 /
+&output name = 'mud' /
+"""
+
+
+def own_weight_reference(law: str, cells: int = 200, steps: int = 300) -> list[np.ndarray]:
+    """Settlement of the heights at cell edges at WEIGHT_TIMES: finite volumes of the reference
+    height (Gibson et al. 1967 in J = dz/dZ), backward Euler with Richardson's extrapolation."""
+    dz, g = HEIGHT / cells, 9.81
+    kappa = 1.0e-6 / UNIT_WEIGHT
+    c_v = kappa * SOFT
+
+    def rate(j: np.ndarray) -> np.ndarray:
+        load = ((1 - VOIDS) * SOLID + (j - (1 - VOIDS)) * WATER) * g * dz
+        above = np.cumsum(load[::-1])[::-1] - 0.5 * load
+        p = above + SOFT * np.log(j) / j
+        n = 1 - (1 - VOIDS) / j
+        k = kappa * np.ones(cells)
+        if law == "kozeny_carman":
+            k = kappa * (n / VOIDS) ** 3 * ((1 - VOIDS) / (1 - n)) ** 2
+        mean = 2 * k[1:] * k[:-1] / (k[1:] + k[:-1])
+        between = 0.5 * (j[1:] + j[:-1])
+        flux = np.zeros(cells + 1)
+        flux[1:-1] = -mean * (np.diff(p) / dz / between + WATER * g)
+        flux[-1] = -k[-1] * (-p[-1] / (0.5 * dz) / j[-1] + WATER * g)
+        return -np.diff(flux) / dz
+
+    def march(count: int) -> list[np.ndarray]:
+        found, j, t = [], np.ones(cells), 0.0
+        ends = [factor * HEIGHT**2 / c_v for factor in WEIGHT_TIMES]
+        for time in sorted({*(ends[-1] * (np.arange(1, count + 1) / count) ** 2), *ends}):
+            new = j.copy()
+            for _ in range(12):
+                base, matrix = rate(new), np.zeros((cells, cells))
+                for k in range(cells):  # the weight above couples all
+                    moved = new.copy()
+                    moved[k] += 1e-7
+                    matrix[:, k] = (rate(moved) - base) / 1e-7
+                step = np.linalg.solve(
+                    np.eye(cells) - (time - t) * matrix, new - j - (time - t) * base
+                )
+                new -= step
+                if np.abs(step).max() < 1e-10:
+                    break
+            j, t = new, time
+            if time in ends:
+                found.append(np.concatenate([[0.0], np.cumsum(j - 1) * dz]))
+        return found
+
+    return [2 * b - a for a, b in zip(march(steps // 2), march(steps), strict=True)]
+
+
+@pytest.mark.parametrize("law", ["constant", "kozeny_carman"])
+def test_sediment_under_its_own_weight(dosui: Runner, law: str) -> None:
+    """Settlement within 1 % of the Lagrangian reference at all times and heights."""
+    run = dosui(own_weight(law))
+    assert run.status == 0, run.stderr
+    cells = 60
+    edges = HEIGHT * np.arange(cells + 1) / cells
+    for step, exact in enumerate(own_weight_reference(law, cells, 120)):
+        fields = run.fields("mud", step + 1)
+        moved = fields["displacement"][:, 2]
+        expected = np.interp(fields["points"][:, 2] - moved, edges, exact)
+        assert np.abs(moved - expected).max() <= 0.01 * np.abs(exact).max(), (step, exact[-1])
+    assert -exact[-1] > 0.15 * HEIGHT  # a large strain
+
+
 @functools.cache
 def reference(cells: int = 200, steps: int = 400) -> dict[float, tuple[np.ndarray, np.ndarray]]:
     """Pressure and displacement at cell centres for each of TIMES: finite volumes of the reference

@@ -89,6 +89,7 @@ contains
     do k = 1, size(model%scene%hydraulic_condition)
       call model%scene%hydraulic_condition(k)%pattern%prepare(message)
     end do
+    call model%scene%base_motion%pattern%prepare(message)
     model%switching = model%coupled .and. any(model%scene%hydraulic_condition%may_switch())
     allocate (model%retention(size(model%scene%material)))
     do k = 1, size(model%scene%material)
@@ -188,6 +189,7 @@ contains
     real(wp) :: movement
 
     call find_moduli(model)
+    call find_impedances(model)
     call choose_damping(model)
     movement = model%movement   ! of a restart: its geometry is that of the last build
     call build_geometry(model, err)
@@ -196,6 +198,34 @@ contains
     if (model%integrator /= 'explicit' .and. .not. err%failed()) call check_walls(model, err)
     call model%comm%agree(err)
   end subroutine finish_setup
+
+  subroutine find_impedances(model)
+    !! What absorbing surfaces oppose to waves: rho c of the material of their region, water and
+    !! skeleton moving together.
+    type(model_t), intent(inout) :: model
+    real(wp) :: density, modulus
+    integer :: c, m, r, s
+
+    associate (scene => model%scene)
+      do c = 1, size(scene%mechanical_condition)
+        if (scene%mechanical_condition(c)%kind /= 'absorbing') cycle
+        s = findloc(scene%surface%name == scene%mechanical_condition(c)%surface, .true., dim=1)
+        r = findloc(scene%region%name == scene%surface(s)%region, .true., dim=1)
+        m = findloc(scene%material%name == scene%region(r)%material, .true., dim=1)
+        associate (soil => scene%material(m), stiff => model%materials%item(m)%model)
+          density = (1.0_wp - soil%porosity)*soil%solid_density
+          modulus = stiff%constrained_modulus()
+          if (model%coupled) then
+            density = density + soil%porosity*scene%water%density
+            modulus = modulus + scene%water%bulk_modulus/soil%porosity
+          end if
+          density = density*scene%mechanics%density_scaling
+          scene%mechanical_condition(c)%impedance = sqrt(density* &
+                                                         [modulus, stiff%shear_modulus()])
+        end associate
+      end do
+    end associate
+  end subroutine find_impedances
 
   subroutine check_walls(model, err)
     !! Penalty walls that implicit steps cannot have. Collective.

@@ -139,6 +139,8 @@ contains
     reason = ''
     if (all(scene%material%rigid)) return
     if (scene%deformation == 'updated') reason = 'large deformation'
+    if (scene%base_motion%is_given) reason = 'the base is shaken'
+    if (any(scene%mechanical_condition%kind == 'absorbing')) reason = 'waves are let out'
     do k = 1, size(scene%region)
       if (any(abs(scene%region(k)%velocity) > 0.0_wp)) reason = 'the body has an initial velocity'
     end do

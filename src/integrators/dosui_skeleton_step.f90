@@ -27,6 +27,10 @@ contains
 
     call model%timers%start(model%phase%to_grid)
     gravity = model%scene%gravity/model%scene%mechanics%density_scaling
+    if (model%scene%base_motion%is_given) then
+      gravity = gravity - model%scene%base_motion%acceleration* &
+                model%scene%base_motion%pattern%at(model%clock%time, spread(0.0_wp, 1, ndim))
+    end if
     if (model%centred) then
       call spread_centred(model, gravity)
     else if (model%averaged) then

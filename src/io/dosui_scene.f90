@@ -149,7 +149,7 @@ module dosui_scene
   type, public :: mechanical_condition_t
     character(len=name_length) :: surface = ''
     character(len=name_length) :: kind = ''
-    !! 'roller', 'fixed', 'velocity', 'traction', 'pressure', 'reservoir' or 'plate'
+    !! 'roller', 'fixed', 'velocity', 'traction', 'pressure', 'reservoir', 'absorbing' or 'plate'
     character(len=name_length) :: imposition = 'auto'   !! 'nodes', 'penalty' or 'auto'
     real(wp) :: value(ndim) = 0.0_wp
     !! velocity [m/s]; traction [Pa]; pressure: first component, positive into the body [Pa];
@@ -157,10 +157,20 @@ module dosui_scene
     !! plate: first component, total force into the body [N, per m thickness in 2-D, per m2 in 1-D]
     type(pattern_t) :: pattern                       !! multiplies value
     real(wp) :: water_weight = 0.0_wp                !! of a reservoir's water [N/m3]
+    real(wp) :: impedance(2) = 0.0_wp
+    !! of an absorbing surface to compression and shear waves [Pa s/m]
   contains
     procedure :: is_load => mechanical_condition_is_load
     procedure :: pressure_at => mechanical_condition_pressure_at
   end type mechanical_condition_t
+
+  type, public :: base_motion_t
+    !! Acceleration of the frame that the scene is computed in: its walls and its base.
+    logical :: is_given = .false.
+    real(wp) :: acceleration(ndim) = 0.0_wp          !! [m/s2]
+    type(pattern_t) :: pattern                       !! multiplies it
+    character(len=:), allocatable :: file            !! times and factors; unallocated: none
+  end type base_motion_t
 
   type, public :: hydraulic_condition_t
     character(len=name_length) :: surface = ''
@@ -255,6 +265,7 @@ module dosui_scene
     type(water_t) :: water
     type(solver_t) :: solver
     type(source_t) :: source
+    type(base_motion_t) :: base_motion
     type(output_t) :: output
     type(verification_t) :: verification
     type(region_t), allocatable :: region(:)
@@ -292,7 +303,8 @@ contains
     !! Is it a given load, and not a wall or plate?
     class(mechanical_condition_t), intent(in) :: self
 
-    is_load = self%kind == 'traction' .or. self%kind == 'pressure' .or. self%kind == 'reservoir'
+    is_load = self%kind == 'traction' .or. self%kind == 'pressure' .or. &
+              self%kind == 'reservoir' .or. self%kind == 'absorbing'
   end function mechanical_condition_is_load
 
   pure real(wp) function mechanical_condition_pressure_at(self, time, position) result(pressure)

@@ -49,6 +49,7 @@ contains
     call check_sources(checker, scene)
     call check_suction(checker, scene)
     call check_barriers(checker, scene)
+    call check_shaking(checker, scene)
     call check_output(checker, scene)
     call check_verification(checker, scene)
     problems = checker%problems
@@ -563,6 +564,40 @@ contains
       end select
     end do
   end subroutine check_water
+
+  subroutine check_shaking(checker, scene)
+    !! Shaken bases and surfaces that let waves out need inertia.
+    type(checker_t), intent(inout) :: checker
+    type(scene_t), intent(in) :: scene
+    character(len=*), parameter :: reason = 'needs inertia: integrator = ''explicit'' or '// &
+                                   '''semi_implicit'''
+    integer :: k
+
+    if (checker%namelist%count('base_motion') > 0) then
+      call check_pattern(checker, 'base_motion', 1, scene%base_motion%pattern)
+      if (any(abs(scene%base_motion%acceleration) > 0.0_wp)) then
+        if (scene%integrator == 'quasi_static') call checker%complain('base_motion', 1, '', reason)
+      else if (checker%has('base_motion', 1, 'file') .or. &
+               checker%has('base_motion', 1, 'formula') .or. &
+               checker%has('base_motion', 1, 'factor_times')) then
+        call checker%complain('base_motion', 1, 'acceleration', 'must not be zero')
+      end if
+      if (scene%mechanics%density_scaling > 1.0_wp) then
+        call checker%complain('mechanics', 1, 'density_scaling', 'does not go with &base_motion')
+      end if
+      if (allocated(scene%base_motion%file) .and. &
+          allocated(scene%base_motion%pattern%factor%time)) then
+        call checker%complain('base_motion', 1, 'file', 'takes the place of factor_times: '// &
+                              'give one of them')
+      end if
+    end if
+    if (scene%integrator /= 'quasi_static') return
+    do k = 1, size(scene%mechanical_condition)
+      if (scene%mechanical_condition(k)%kind == 'absorbing') then
+        call checker%complain('mechanical_condition', k, 'kind', reason)
+      end if
+    end do
+  end subroutine check_shaking
 
   subroutine check_barriers(checker, scene)
     !! Barriers stand still in bodies that hardly move.

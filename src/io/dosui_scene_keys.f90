@@ -9,7 +9,7 @@ module dosui_scene_keys
   use dosui_dimension, only: ndim, axis
   use dosui_scene, only: scene_t, region_t, material_t, water_t, mechanics_t, initial_state_t, &
                          surface_t, mechanical_condition_t, hydraulic_condition_t, probe_t, &
-                         barrier_t, &
+                         barrier_t, base_motion_t, &
                          solver_t, source_t, time_t, output_t, verification_t, table_t, &
                          axis_name, name_length
   use dosui_text, only: to_text
@@ -146,7 +146,7 @@ contains
     !! All groups in the order in which a scene is best written.
     type(group_t), allocatable :: groups(:)
 
-    allocate (groups(17))
+    allocate (groups(18))
     groups(1) = group_t('scene', 'What is computed, and how.', .true., .false.)
     groups(2) = group_t('grid', 'The background grid and the domain. Memory and time follow '// &
                         'the particles: a large domain costs nothing.', .true., .false.)
@@ -173,11 +173,14 @@ contains
     groups(13) = group_t('source', 'Body forces and water sources as formulas of x, y, z and t '// &
                          '(those of the dimension), with + - * / ^, pi, sin cos tan atan exp '// &
                          'log sqrt abs sinh cosh tanh step min max.', .false., .false.)
-    groups(14) = group_t('probe', 'A value whose history is written to the result file.', &
+    groups(14) = group_t('base_motion', 'Shaking of the base: the scene is computed in a frame '// &
+                         'that moves with it, so displacements and velocities are relative.', &
+                         .false., .false.)
+    groups(15) = group_t('probe', 'A value whose history is written to the result file.', &
                          .false., .true.)
-    groups(15) = group_t('solver', 'Linear systems of the implicit integrators.', .false., .false.)
-    groups(16) = group_t('output', 'Names and intervals of the files.', .false., .false.)
-    groups(17) = group_t('verification', 'The exact solution that `dosui-post verify` compares '// &
+    groups(16) = group_t('solver', 'Linear systems of the implicit integrators.', .false., .false.)
+    groups(17) = group_t('output', 'Names and intervals of the files.', .false., .false.)
+    groups(18) = group_t('verification', 'The exact solution that `dosui-post verify` compares '// &
                          'with.', .false., .false.)
   end function scene_groups
 
@@ -278,6 +281,8 @@ contains
       call visit_barrier(visitor, scene%barrier(instance))
     case ('source')
       call visit_source(visitor, scene%source)
+    case ('base_motion')
+      call visit_base_motion(visitor, scene%base_motion)
     case ('probe')
       call visit_probe(visitor, scene%probe(instance))
     case ('solver')
@@ -716,21 +721,26 @@ contains
     !! Keys of &mechanical_condition.
     class(key_visitor_t), intent(inout) :: v
     type(mechanical_condition_t), intent(inout) :: condition
-    character(len=*), parameter :: no_wall = 'a kind other than ''roller'' and ''fixed'''
+    character(len=*), parameter :: no_wall = 'a kind other than ''roller'', ''fixed'' and '// &
+                                   '''absorbing'''
     integer :: n
+    logical :: has_value
 
     call v%name(condition%surface, key('surface', 'name of a &surface', required=.true.))
     call v%name(condition%kind, &
                 key('kind', 'roller: no normal motion; fixed: none at all; velocity, '// &
                     'normal_velocity: prescribed; traction, pressure: loads; reservoir: '// &
-                    'pressure of water with a free level; plate: rigid, '// &
+                    'pressure of water with a free level; absorbing: lets waves out (dashpots '// &
+                    'of Lysmer and Kuhlemeyer); plate: rigid, '// &
                     'frictionless, one normal velocity and a total force', required=.true., &
                     choices='roller fixed velocity normal_velocity traction pressure reservoir '// &
-                    'plate'))
+                    'absorbing plate'))
     call v%name(condition%imposition, &
                 key('imposition', 'of walls: on grid nodes, by springs on the true surface, or '// &
                     'nodes where the grid follows the surface', choices='auto nodes penalty', &
                     only='a wall or plate', applies=.not. condition%is_load()))
+    has_value = condition%kind /= 'roller' .and. condition%kind /= 'fixed' .and. &
+                condition%kind /= 'absorbing'
     n = ndim
     if (condition%kind == 'pressure' .or. condition%kind == 'plate' .or. &
         condition%kind == 'reservoir' .or. condition%kind == 'normal_velocity') n = 1
@@ -739,11 +749,11 @@ contains
                       '[m/s]: outward; pressure: into the body [Pa]; reservoir: elevation of '// &
                       'its level [m]; plate: total force into '// &
                       'the body [N; N/m in 2-D, Pa in 1-D]', only=no_wall, &
-                      applies=condition%kind /= 'roller' .and. condition%kind /= 'fixed', &
+                      applies=has_value, &
                       required=.true., undecided=condition%kind == ''))
-    call visit_table(v, condition%pattern%factor, no_wall, &
-                     condition%kind /= 'roller' .and. condition%kind /= 'fixed')
-    call visit_formula(v, condition%pattern%formula, 'a load', condition%is_load())
+    call visit_table(v, condition%pattern%factor, no_wall, has_value)
+    call visit_formula(v, condition%pattern%formula, 'a given load', &
+                       condition%is_load() .and. has_value)
   end subroutine visit_mechanical_condition
 
   subroutine visit_hydraulic_condition(v, condition)
@@ -784,6 +794,21 @@ contains
                     'as in &source', unit='-', longest=1000, only=only, applies=applies, &
                     fallback='1 everywhere'))
   end subroutine visit_formula
+
+  subroutine visit_base_motion(v, motion)
+    !! Keys of &base_motion.
+    class(key_visitor_t), intent(inout) :: v
+    type(base_motion_t), intent(inout) :: motion
+
+    call v%vector(motion%acceleration, &
+                  key('acceleration', 'of the base, times the factors below', unit='m/s2', &
+                      fallback='none'))
+    call visit_table(v, motion%pattern%factor, '', .true.)
+    call v%text(motion%file, &
+                key('file', 'a file with a time [s] and a factor in each line takes the place '// &
+                    'of factor_times and factor_values; # begins a comment', longest=1000))
+    call visit_formula(v, motion%pattern%formula, '', .true.)
+  end subroutine visit_base_motion
 
   subroutine visit_barrier(v, barrier)
     !! Keys of &barrier.

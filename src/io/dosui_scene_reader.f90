@@ -8,7 +8,7 @@ module dosui_scene_reader
   use dosui_error, only: error_t
   use dosui_namelist, only: namelist_t, namelist_group_t, read_text_file, decimal_comma
   use dosui_problems, only: problems_t
-  use dosui_scene, only: scene_t, name_length
+  use dosui_scene, only: scene_t, table_t, name_length
   use dosui_scene_checks, only: check_scene
   use dosui_scene_echo, only: write_echo
   use dosui_scene_keys, only: key_visitor_t, key_t, group_t, scene_groups, allocate_group, &
@@ -71,6 +71,8 @@ contains
     if (comm%is_root()) stem = default_name(absolute_path(path))
     call comm%broadcast(stem)
     call parse_scene(text, path, scene, problems, stem, directory)
+    scene%base_motion%is_given = any(abs(scene%base_motion%acceleration) > 0.0_wp)
+    if (allocated(scene%base_motion%file)) call read_motion(comm, path, scene, problems)
     reason = ''
     if (comm%is_root() .and. allocated(scene%output%directory)) then
       reason = directory_problem(scene%output%directory)
@@ -80,6 +82,63 @@ contains
                                            "'"//scene%output%directory//"'", reason)
     if (problems%count() > 0) call err%set(path//': '//to_text(problems%count())//' problem(s)')
   end subroutine read_scene
+
+  subroutine read_motion(comm, path, scene, problems)
+    !! The table of the base's motion from its file. Collective.
+    type(communicator_t), intent(in) :: comm
+    character(len=*), intent(in) :: path      !! of the scene, for messages
+    type(scene_t), intent(inout) :: scene
+    type(problems_t), intent(inout) :: problems
+    character(len=:), allocatable :: text, message
+    type(error_t) :: read_error
+
+    associate (motion => scene%base_motion)
+      message = ''
+      if (comm%is_root()) call read_text_file(motion%file, text, read_error)
+      call comm%agree(read_error)
+      if (read_error%failed()) then
+        message = read_error%message
+      else
+        call comm%broadcast(text)
+        call parse_table(text, motion%pattern%factor, message)
+      end if
+      if (len(message) > 0) call problems%add(path, 0, 'base_motion', 'file', &
+                                              "'"//motion%file//"'", message)
+    end associate
+  end subroutine read_motion
+
+  subroutine parse_table(text, table, message)
+    !! Two numbers in each line, blanks or a comma between them.
+    character(len=*), intent(in) :: text
+    type(table_t), intent(inout) :: table
+    character(len=:), allocatable, intent(inout) :: message   !! '' if all is well
+    character(len=:), allocatable :: line
+    real(wp), allocatable :: rows(:, :)
+    integer :: first, length, n, status, hash
+
+    allocate (rows(2, count([(text(n:n) == new_line('a'), n=1, len(text))]) + 1))
+    n = 0
+    first = 1
+    do while (first <= len(text))
+      length = index(text(first:), new_line('a')) - 1
+      if (length < 0) length = len(text) - first + 1
+      line = text(first:first + length - 1)
+      first = first + length + 1
+      hash = index(line, '#')
+      if (hash > 0) line = line(:hash - 1)
+      if (len_trim(line) == 0) cycle
+      n = n + 1
+      read (line, *, iostat=status) rows(:, n)
+      if (status /= 0) then
+        message = "needs a time and a factor in each line, not '"//trim(line)//"'"
+        return
+      end if
+    end do
+    if (n == 0) message = 'holds no table'
+    if (any(rows(1, 2:n) <= rows(1, :n - 1))) message = 'its times must increase strictly'
+    table%time = rows(1, :n)
+    table%value = rows(2, :n)
+  end subroutine parse_table
 
   subroutine parse_scene(text, file, scene, problems, stem, directory)
     !! A scene from its text; all lists of the scene are allocated in any case.

@@ -272,6 +272,10 @@ contains
       traction = condition%value*condition%pattern%at(time, position)
     case ('pressure', 'reservoir')
       traction = -condition%pressure_at(time, position)*normal
+    case ('absorbing')
+      traction = -condition%impedance(2)*velocity - &
+                 (condition%impedance(1) - condition%impedance(2))*dot_product(velocity, normal)* &
+                 normal
     case ('fixed')
       traction = -stiffness*displacement - damping*velocity
     case ('velocity')

@@ -110,7 +110,7 @@ def busy_seconds() -> float:
 
 def run(case: Case, particles: int, steps: int, ranks: int) -> tuple[str, float, float]:
     """Output of one run, peak memory of its ranks together [B], other busy cores."""
-    program = str(BIN / f"dosui{case.dimension}d")
+    program = str(BIN / "dosui")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder)
         (path / "scene.nml").write_text(scene(case, particles, steps))

@@ -142,7 +142,8 @@ contains
     if (scene%base_motion%is_given) reason = 'the base is shaken'
     if (any(scene%mechanical_condition%kind == 'absorbing')) reason = 'waves are let out'
     do k = 1, size(scene%region)
-      if (any(abs(scene%region(k)%velocity) > 0.0_wp)) reason = 'the body has an initial velocity'
+      if (any(abs(scene%region(k)%velocity) > 0.0_wp) .or. &
+          abs(scene%region(k)%spin) > 0.0_wp) reason = 'the body has an initial velocity'
     end do
     do k = 1, size(scene%initial_state)
       if (scene%initial_state(k)%mode_number > 0) reason = 'the body has an initial velocity'

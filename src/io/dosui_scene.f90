@@ -42,6 +42,7 @@ module dosui_scene
     real(wp) :: lattice_angle = 0.0_wp   !! turn of the particle lattice, x towards z [deg]
     real(wp) :: pivot(ndim) = 0.0_wp                 !! centre of both turns [m]
     real(wp) :: velocity(ndim) = 0.0_wp              !! initial velocity [m/s]
+    real(wp) :: spin = 0.0_wp   !! initial angular velocity about pivot, x towards z [rad/s]
   end type region_t
 
   type, public :: material_t

@@ -269,6 +269,9 @@ contains
         if (ndim == 1 .and. abs(region%lattice_angle) > 0.0_wp) then
           call checker%complain('region', r, 'lattice_angle', 'has no meaning in 1-D')
         end if
+        if (ndim == 1 .and. abs(region%spin) > 0.0_wp) then
+          call checker%complain('region', r, 'spin', 'has no meaning in 1-D')
+        end if
         if (region%shape == 'box') then
           if (checker%has('region', r, 'box_min') .and. checker%has('region', r, 'box_max') .and. &
               .not. all(region%box_min < region%box_max)) then

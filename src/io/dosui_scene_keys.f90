@@ -640,6 +640,9 @@ contains
                     unit='deg', range='>= -360 and <= 360'))
     call v%vector(region%pivot, key('pivot', 'centre of both turns', unit='m'))
     call v%vector(region%velocity, key('velocity', 'initial velocity', unit='m/s'))
+    call v%real(region%spin, &
+                key('spin', 'initial angular velocity about pivot, from x towards z, added to '// &
+                    'velocity', unit='rad/s'))
   end subroutine visit_region
 
   pure logical function is_round(region)

@@ -229,7 +229,7 @@ contains
     particles%id(first:last) = id
     associate (field => particles%field)
       field(handles%position)%values(:, first:last) = position
-      field(handles%velocity)%values(:, first:last) = spread(scene%region(r)%velocity, 2, size(id))
+      field(handles%velocity)%values(:, first:last) = initial_velocity(scene%region(r), position)
       field(handles%volume)%values(1, first:last) = volume
       field(handles%mass)%values(1, first:last) = volume*density
       field(handles%porosity)%values(1, first:last) = scene%material(m)%porosity
@@ -238,4 +238,15 @@ contains
         scene%material(m)%hydraulic_conductivity
     end associate
   end subroutine append
+
+  pure function initial_velocity(region, position) result(velocity)
+    !! Velocity of a region plus its spin about the pivot [m/s].
+    type(region_t), intent(in) :: region
+    real(wp), intent(in) :: position(:, :)   !! (ndim, n) [m]
+    real(wp) :: velocity(ndim, size(position, 2))
+
+    velocity = spread(region%velocity, 2, size(position, 2))
+    velocity(1, :) = velocity(1, :) - region%spin*(position(ndim, :) - region%pivot(ndim))
+    velocity(ndim, :) = velocity(ndim, :) + region%spin*(position(1, :) - region%pivot(1))
+  end function initial_velocity
 end module dosui_seeding

@@ -34,9 +34,11 @@ module dosui_cell_quadrature
   real(wp), parameter :: least_part = 0.1_wp      !! [-]
   real(wp), parameter :: fitted_tolerance = 1.0e-9_wp   !! [-]
   real(wp), parameter :: least_filling = 0.5_wp   !! of a cell that no surface cuts, to be full [-]
-  ! A corner with less than this share of what even filling would give it makes its cell ragged. An
-  ! odd number, so that round-off does not decide about lattices.
-  real(wp), parameter :: least_share = 0.3943_wp  !! [-]
+  ! A corner with less than this share s of what even filling would give it makes its cell ragged:
+  ! a cell's mean strain is stable up to dt = h/c sqrt(s/ndim), and steps take half of h/c. Odd
+  ! numbers, so that round-off does not decide about lattices.
+  real(wp), parameter :: least_share = merge(0.3943_wp, merge(0.5547_wp, 0.7771_wp, ndim == 2), &
+                                             ndim == 1)   !! [-]
 
   type, public :: cell_quadrature_t
     logical :: fitted = .true.                       !! every cell is full or empty
@@ -227,7 +229,7 @@ contains
     call grid%node_map%scatter_add(comm, 2, filling)
     call grid%node_map%gather(comm, 2, filling)
     do c = 1, grid%n_cell
-      is_ragged(c) = number(c) > 0.5_wp .and. &
+      is_ragged(c) = number(c) < 0.5_wp .or. &   ! particles may enter before the next build
                      any(filling(1, grid%cell_node(:, c)) < &
                          least_share*filling(2, grid%cell_node(:, c)))
     end do

@@ -6,8 +6,8 @@ module dosui_grid_to_particle
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim, nsig, nshear, axis, voigt_slot
   use dosui_grid, only: grid_t
-  use dosui_shape_functions, only: shape_bspline, n_group, n_group_wide, group_count, &
-                                   patch_offsets, patch_weights
+  use dosui_shape_functions, only: shape_bspline, shape_linear, n_group, n_group_wide, &
+                                   group_count, patch_offsets, patch_weights
   implicit none
   private
 
@@ -25,7 +25,8 @@ contains
     !! strain increment dt sym(L) and spin dt skew(L) of L = sum v_i_new (x) grad N_i.
     !!
     !! The affine matrix of APIC is B D^-1 with D over all nodes of the patch (Jiang et al. 2015):
-    !! D = h^2/4 I for B-splines; for linear hats B D^-1 is L itself, which also serves GIMP.
+    !! D = h^2/4 I for B-splines and depends on the place for GIMP; for linear hats B D^-1 is L
+    !! itself. L does not serve GIMP: a body that turns freely then gains energy.
     type(grid_t), intent(in) :: grid
     integer, intent(in) :: n
     integer, intent(in) :: patch(n)                            !! all in the grid
@@ -47,7 +48,7 @@ contains
     integer :: first, last, m
     logical :: has_moments
 
-    has_moments = present(affine) .and. grid%shape_kind == shape_bspline
+    has_moments = present(affine) .and. grid%shape_kind /= shape_linear
     do first = 1, n, chunk
       last = min(first + chunk - 1, n)
       m = last - first + 1
@@ -55,9 +56,9 @@ contains
                         position(:, first:last), flip_fraction, velocity_old, velocity_new, &
                         has_moments, mean, change, slope, moment)
       if (has_moments) then
-        call invert_moments(m, grid%origin, grid%spacing, patch(first:last), grid%n_patch, &
-                            grid%patch_base, grid%patch_fold, position(:, first:last), mean, &
-                            moment, slope, affine(:, first:last))
+        call invert_moments(m, grid%origin, grid%spacing, grid%shape_kind, grid%half_domain, &
+                            patch(first:last), grid%n_patch, grid%patch_base, grid%patch_fold, &
+                            position(:, first:last), mean, moment, slope, affine(:, first:last))
       else if (present(affine)) then
         affine(:, first:last) = reshape(slope(:, :, 1:m), [ndim*ndim, m])
       end if
@@ -166,12 +167,12 @@ contains
     end do
   end subroutine gather_moments
 
-  pure subroutine invert_moments(m, origin, spacing, patch, n_patch, patch_base, patch_fold, &
-                                 position, mean, moment, slope, affine)
-    !! Kernel: C = 4/h^2 sum N_i v_i (x_i - x), the affine matrix of quadratic B-splines; along
-    !! folded directions, where this second moment vanishes, the gradient itself.
-    integer, intent(in) :: m, n_patch
-    real(wp), intent(in) :: origin(ndim), spacing
+  pure subroutine invert_moments(m, origin, spacing, shape_kind, half_domain, patch, n_patch, &
+                                 patch_base, patch_fold, position, mean, moment, slope, affine)
+    !! Kernel: C = sum N_i v_i (x_i - x) D^-1 with the second moments D = sum N_i (x_i - x)^2 of
+    !! each direction; along folded directions, where D vanishes, the gradient itself.
+    integer, intent(in) :: m, n_patch, shape_kind
+    real(wp), intent(in) :: origin(ndim), spacing, half_domain
     integer, intent(in) :: patch(m), patch_base(ndim, n_patch), patch_fold(ndim, n_patch)
     real(wp), intent(in) :: position(ndim, m), mean(ndim, chunk), moment(ndim, ndim, chunk)
     real(wp), intent(in) :: slope(ndim, ndim, chunk)
@@ -182,11 +183,30 @@ contains
     do p = 1, m
       do b = 1, ndim
         local = (position(b, p) - origin(b))/spacing - patch_base(b, patch(p))
-        affine(:, b, p) = 4.0_wp/spacing*(moment(:, b, p) - local*mean(:, p))
+        affine(:, b, p) = (moment(:, b, p) - local*mean(:, p))/ &
+                          (spacing*second_moment(shape_kind, half_domain, local))
         if (patch_fold(b, patch(p)) /= 0) affine(:, b, p) = slope(:, b, p)
       end do
     end do
   end subroutine invert_moments
+
+  pure real(wp) function second_moment(shape_kind, half_domain, local) result(moment)
+    !! Sum of N_i (x_i - x)^2 in one direction, over h^2. GIMP: the mean of the hats' s (1 - s) over
+    !! the domain, and of the squared distance to its points.
+    integer, intent(in) :: shape_kind        !! GIMP or B-splines
+    real(wp), intent(in) :: half_domain      !! of GIMP, over h
+    real(wp), intent(in) :: local            !! place in the patch, over h
+    real(wp) :: distance                     ! to the next node, over h
+
+    moment = 0.25_wp
+    if (shape_kind == shape_bspline) return
+    distance = abs(local - anint(local))
+    if (distance < half_domain) then   ! the node lies within the domain
+      moment = 0.5_wp*(distance**2 + half_domain**2)/half_domain - distance**2
+    else
+      moment = distance*(1.0_wp - distance)
+    end if
+  end function second_moment
 
   pure subroutine set_strain(m, dt, slope, strain_increment)
     !! Kernel: dt sym(L), shear components doubled.

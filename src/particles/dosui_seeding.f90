@@ -230,6 +230,8 @@ contains
     associate (field => particles%field)
       field(handles%position)%values(:, first:last) = position
       field(handles%velocity)%values(:, first:last) = initial_velocity(scene%region(r), position)
+      if (handles%affine > 0) field(handles%affine)%values(:, first:last) = &
+        spread(spin_gradient(scene%region(r)%spin), 2, size(id))
       field(handles%volume)%values(1, first:last) = volume
       field(handles%mass)%values(1, first:last) = volume*density
       field(handles%porosity)%values(1, first:last) = scene%material(m)%porosity
@@ -238,6 +240,17 @@ contains
         scene%material(m)%hydraulic_conductivity
     end associate
   end subroutine append
+
+  pure function spin_gradient(spin) result(gradient)
+    !! Velocity gradient of a spin, component (a, b) = dv_a/dx_b at a + (b - 1) ndim [1/s].
+    real(wp), intent(in) :: spin   !! x towards z [rad/s]
+    real(wp) :: gradient(ndim*ndim)
+
+    gradient = 0.0_wp
+    gradient(ndim) = spin                    ! dv_z/dx
+    gradient(1 + (ndim - 1)*ndim) = -spin    ! dv_x/dz
+    if (ndim == 1) gradient = 0.0_wp         ! the checks refuse it
+  end function spin_gradient
 
   pure function initial_velocity(region, position) result(velocity)
     !! Velocity of a region plus its spin about the pivot [m/s].

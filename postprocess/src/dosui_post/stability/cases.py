@@ -96,7 +96,7 @@ CASES: tuple[Case, ...] = (
         "rotation",
         "Stressed body, one turn",
         "stress and pressure to 1e-6",
-        lambda method: scenes.drifting(method, "spin = 0.02", 2 * math.pi / 0.02),
+        lambda method: scenes.drifting(method, "spin = 0.03", 2 * math.pi / 0.03),
         checks.carried,
         limit=240.0,
     ),

@@ -273,7 +273,7 @@ def rest(method: Method) -> str:
 """
 
 
-BODY_PRESSURE = 1.0e5  # Pa
+BODY_PRESSURE = 1.0e6  # Pa
 
 
 def drifting(method: Method, motion: str, seconds: float) -> str | None:
@@ -288,7 +288,7 @@ def drifting(method: Method, motion: str, seconds: float) -> str | None:
   hydraulic_conductivity = 1.0e-4 /
 &water bulk_modulus = 3.0e6 {keys_of(method)} /
 &mechanics {transfer_of(method)} /
-&region name = 'body' material = 'soil' box_min = -0.5, -0.5 box_max = 0.5, 0.5 {motion} /
+&region name = 'body' material = 'soil' box_min = -0.3, -0.3 box_max = 0.3, 0.3 {motion} /
 &initial_state pore_pressure = 'given' pore_pressure_value = {p!r}
   effective_stress = 'given' effective_stress_value = {p!r}, {p!r}, {p!r}, 0.0, 0.0, 0.0 /
 &output name = 'result' /
@@ -321,12 +321,13 @@ def thrown(method: Method) -> str | None:
     return f"""&scene dimension = 2 integrator = '{method.integrator}' deformation = 'updated' /
 &grid spacing = 0.1 shape_function = 'gimp' /
 &time end_time = 0.5 /
-&material name = 'soil' young_modulus = 1.0e6 poisson_ratio = 0.3 porosity = {POROSITY}
+&material name = 'soil' model = 'mohr_coulomb' young_modulus = 1.0e6 poisson_ratio = 0.3
+  friction_angle = 30.0 tensile_strength = 0.0 porosity = {POROSITY}
   hydraulic_conductivity = 1.0e-4 /
 &water bulk_modulus = 3.0e6 {keys_of(method)} /
 &mechanics {transfer_of(method)} /
 &region name = 'body' material = 'soil' box_min = 0.0, 0.0 box_max = 1.0, 1.0 /
-&region name = 'grain' material = 'soil' box_min = 0.5, 1.0 box_max = 0.55, 1.05
+&region name = 'grain' material = 'soil' box_min = 0.5, 1.1 box_max = 0.55, 1.15
   velocity = 0.0, 2.0 /
 &output name = 'result' /
 """
@@ -426,7 +427,7 @@ def slide(method: Method) -> str | None:
 &mechanical_condition surface = 'base' kind = 'fixed' /
 &mechanical_condition surface = 'left' kind = 'roller' /
 &initial_state effective_stress = 'geostatic' surface_level = 3.0 lateral_ratio = 0.5
-  pore_pressure = 'hydrostatic' water_level = 3.0 /
+  /
 &output name = 'result' /
 """
 

@@ -140,6 +140,7 @@ contains
         model%particles%field(model%p%pore_pressure)%values
     end if
     if (model%finite) call start_undeformed(model)
+    if (model%updated) model%surface%field(model%s%outward_area)%values = outward_areas(model)
     model%particles%field(model%p%mass)%values = model%particles%field(model%p%mass)%values* &
                                                  model%scene%mechanics%density_scaling
     call distribute(model, err)
@@ -166,9 +167,8 @@ contains
 
     associate (field => model%surface%field, h => model%s)
       field(h%deformation)%values = 0.0_wp
+      field(h%reference_area)%values = outward_areas(model)
       do a = 1, ndim
-        field(h%reference_area)%values(a, :) = field(h%normal)%values(a, :)* &
-                                               field(h%area)%values(1, :)
         field(h%deformation)%values(a + (a - 1)*ndim, :) = 1.0_wp
       end do
     end associate
@@ -180,6 +180,16 @@ contains
       end do
     end associate
   end subroutine start_undeformed
+
+  pure function outward_areas(model) result(area)
+    !! Areas of the surface points along their normals [m2].
+    type(model_t), intent(in) :: model
+    real(wp), allocatable :: area(:, :)
+
+    associate (field => model%surface%field, h => model%s)
+      area = field(h%normal)%values*spread(field(h%area)%values(1, :), 1, ndim)
+    end associate
+  end function outward_areas
 
   subroutine finish_setup(model, err)
     !! Derives moduli, density and damping, and builds the geometry. Collective.

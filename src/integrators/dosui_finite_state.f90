@@ -9,7 +9,7 @@ module dosui_finite_state
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim, nsig
   use dosui_error, only: error_t
-  use dosui_finite_strain, only: deform, invert, logarithmic_strain
+  use dosui_finite_strain, only: carried_area, deform, invert, logarithmic_strain
   use dosui_implicit_system, only: surface_gradients
   use dosui_model, only: model_t
   use dosui_text, only: to_text
@@ -97,7 +97,7 @@ contains
     class(finite_start_t), intent(in) :: self
     type(model_t), intent(inout) :: model
     real(wp), intent(in) :: motion(:, :)   !! of the nodes [m]
-    real(wp) :: f(ndim, ndim), inverse(ndim, ndim), area(ndim), gradient(ndim, 2**ndim), jacobian
+    real(wp) :: f(ndim, ndim), area(ndim), gradient(ndim, 2**ndim)
     integer :: p, i, b
 
     associate (field => model%surface%field, h => model%s)
@@ -113,8 +113,7 @@ contains
           end do
         end if
         field(h%deformation)%values(:, p) = reshape(f, [ndim*ndim])
-        call invert(f, inverse, jacobian)
-        area = jacobian*matmul(field(h%reference_area)%values(:, p), inverse)
+        area = carried_area(f, field(h%reference_area)%values(:, p))
         field(h%area)%values(1, p) = norm2(area)
         field(h%normal)%values(:, p) = area/max(norm2(area), tiny(1.0_wp))
       end do

@@ -1,10 +1,11 @@
 !! The skeleton's part of an explicit step: particles to grid, nodal update, grid to particles.
 module dosui_skeleton_step
   use dosui_kinds, only: wp
-  use dosui_dimension, only: ndim, nsig, voigt_slot
+  use dosui_dimension, only: axis, ndim, nshear, nsig, voigt_slot
   use dosui_cell_average, only: cell_sums, cell_tensor_sums, cell_trace_sums
   use dosui_damping, only: damp_forces, damping_at, damping_none
   use dosui_error, only: error_t
+  use dosui_finite_strain, only: carried_area
   use dosui_grid_to_particle, only: grid_to_particles
   use dosui_model, only: model_t
   use dosui_particle_to_grid, only: particles_to_grid
@@ -453,9 +454,87 @@ contains
       if (model%updated .and. .not. model%relaxing) then
         field(h%position)%values(:, 1:n) = field(h%position)%values(:, 1:n) + &
                                            model%clock%dt*field(h%velocity)%values(:, 1:n)
+        call stretch_surface(model)
       end if
     end associate
   end subroutine move_surface
+
+  subroutine stretch_surface(model)
+    !! Areas along the normals follow the particles around, as J F^-T does with them (Nanson's
+    !! formula). The grid's own gradient would hear of nodes that hardly have mass. Collective.
+    type(model_t), intent(inout) :: model
+    real(wp), allocatable :: sums(:, :)   ! of nodes: weight, increments of strain and of rotation
+    real(wp) :: around(1 + nsig + nshear)
+    integer :: k, p
+
+    allocate (sums(1 + nsig + nshear, model%grid%n_node))
+    call gather_strains(model, sums)
+    associate (field => model%surface%field, h => model%s, cell => model%surface_cell)
+      do p = 1, model%surface%count
+        if (cell(p) == 0) cycle
+        around = 0.0_wp
+        do k = 1, 2**ndim
+          around = around + sums(:, model%grid%cell_node(k, cell(p)))
+        end do
+        if (.not. around(1) > 0.0_wp) cycle
+        around = around/around(1)
+        field(h%outward_area)%values(:, p) = carried_area(deformation(around(2:1 + nsig), &
+                                                                      around(2 + nsig:)), &
+                                                          field(h%outward_area)%values(:, p))
+      end do
+    end associate
+  end subroutine stretch_surface
+
+  subroutine gather_strains(model, sums)
+    !! Strains and rotations of the step around the surface's nodes. Collective.
+    type(model_t), intent(inout) :: model
+    real(wp), intent(out) :: sums(:, :)   !! (weight, strain, rotation; n_node)
+    real(wp), allocatable :: cell_sums(:, :)
+    logical, allocatable :: is_near(:)
+    integer :: c, k, p
+
+    allocate (is_near(model%grid%n_node), source=.false.)
+    do p = 1, model%surface%count
+      if (model%surface_cell(p) > 0) is_near(model%grid%cell_node(:, model%surface_cell(p))) = .true.
+    end do
+    allocate (cell_sums(size(sums, 1), model%grid%n_cell), source=0.0_wp)
+    do p = 1, model%particles%count
+      c = model%cell(p)
+      if (.not. any(is_near(model%grid%cell_node(:, c)))) cycle
+      cell_sums(:, c) = cell_sums(:, c) + &
+                        model%weight(p)*[1.0_wp, model%strain_increment(:, p), model%spin(:, p)]
+    end do
+    sums = 0.0_wp
+    do c = 1, model%grid%n_cell
+      if (.not. cell_sums(1, c) > 0.0_wp) cycle
+      do k = 1, 2**ndim
+        associate (node => model%grid%cell_node(k, c))
+          sums(:, node) = sums(:, node) + cell_sums(:, c)
+        end associate
+      end do
+    end do
+    call model%grid%node_map%scatter_add(model%comm, size(sums, 1), sums)
+    call model%grid%node_map%gather(model%comm, size(sums, 1), sums)
+  end subroutine gather_strains
+
+  pure function deformation(strain, rotation) result(f)
+    !! I + L dt from increments as `grid_to_particles` gives them [-].
+    real(wp), intent(in) :: strain(nsig), rotation(nshear)
+    real(wp) :: f(ndim, ndim)
+    integer :: a, b
+
+    do b = 1, ndim
+      do a = 1, ndim
+        f(a, b) = strain(voigt_slot(a, b))
+        if (a == b) then
+          f(a, b) = f(a, b) + 1.0_wp
+        else
+          f(a, b) = 0.5_wp*f(a, b) + rotation(voigt_slot(a, b) - 3)* &
+                    merge(1.0_wp, -1.0_wp, axis(b) == mod(axis(a), 3) + 1)
+        end if
+      end do
+    end do
+  end function deformation
 
   subroutine zero_velocities(model)
     !! Stops all motion.

@@ -46,6 +46,7 @@ contains
     if ((model%updated .or. model%finite) .and. anew) then
       call copy_field(model%particles, model%p%position, model%p%position_at_build)
       call copy_field(model%surface, model%s%position, model%s%position_at_build)
+      if (model%updated) call turn_surfaces(model)
     end if
     if (.not. allocated(model%brick_key) .or. is_unbalanced(model)) call partition(model, err)
     if (err%failed()) return
@@ -54,6 +55,23 @@ contains
     call send_home(model, model%surface, inside)
     call sort_points(model)
   end subroutine distribute
+
+  subroutine turn_surfaces(model)
+    !! Normals and areas that surface points have now; walls keep theirs.
+    type(model_t), intent(inout) :: model
+    real(wp) :: size_now
+    integer :: p
+
+    associate (field => model%surface%field, h => model%s)
+      do p = 1, model%surface%count
+        if (model%scene%is_wall(nint(field(h%surface)%values(1, p)))) cycle
+        size_now = norm2(field(h%outward_area)%values(:, p))
+        if (.not. size_now > 0.0_wp) cycle
+        field(h%area)%values(1, p) = size_now
+        field(h%normal)%values(:, p) = field(h%outward_area)%values(:, p)/size_now
+      end do
+    end associate
+  end subroutine turn_surfaces
 
   subroutine sort_points(model)
     !! Particles by patch and surface points by cell.

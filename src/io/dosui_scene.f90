@@ -277,6 +277,8 @@ module dosui_scene
     type(hydraulic_condition_t), allocatable :: hydraulic_condition(:)
     type(barrier_t), allocatable :: barrier(:)
     type(probe_t), allocatable :: probe(:)
+  contains
+    procedure :: is_wall => scene_is_wall
   end type scene_t
 
 contains
@@ -299,6 +301,22 @@ contains
     factor = self%factor%at(time)
     if (allocated(self%formula)) factor = factor*self%expression%value([position, time])
   end function pattern_at
+
+  pure logical function scene_is_wall(self, surface) result(is_wall)
+    !! Does something of its own hold or move a surface? Barriers count as walls.
+    class(scene_t), intent(in) :: self
+    integer, intent(in) :: surface   !! index; 0: unnamed, < 0: a barrier
+    integer :: c
+
+    is_wall = surface < 0
+    if (surface <= 0) return
+    do c = 1, size(self%mechanical_condition)
+      associate (condition => self%mechanical_condition(c))
+        is_wall = is_wall .or. (condition%surface == self%surface(surface)%name .and. &
+                                .not. condition%is_load())
+      end associate
+    end do
+  end function scene_is_wall
 
   pure elemental logical function mechanical_condition_is_load(self) result(is_load)
     !! Is it a given load, and not a wall or plate?

@@ -8,7 +8,7 @@ module dosui_finite_strain
   implicit none
   private
 
-  public :: deform, geometric_stiffness, invert, logarithmic_strain
+  public :: carried_area, deform, geometric_stiffness, invert, logarithmic_strain
 
   integer, parameter :: sweeps = 30   ! of Jacobi's rotations; a few are enough
   integer, parameter :: chunk = 32    ! particles whose weights are computed together
@@ -49,6 +49,18 @@ contains
       end do
     end do
   end subroutine deform
+
+  pure function carried_area(f, reference) result(area)
+    !! Nanson's formula: an area along its normal after a deformation, J F^-T A; zero if F is
+    !! singular.
+    real(wp), intent(in) :: f(ndim, ndim)     !! deformation gradient [-]
+    real(wp), intent(in) :: reference(ndim)   !! area along the normal before [m2]
+    real(wp) :: area(ndim)
+    real(wp) :: inverse(ndim, ndim), jacobian
+
+    call invert(f, inverse, jacobian)
+    area = jacobian*matmul(reference, inverse)
+  end function carried_area
 
   pure subroutine invert(a, inverse, determinant)
     !! Inverse and determinant by elimination with pivots; the inverse of a singular matrix is 0.

@@ -35,6 +35,7 @@ module dosui_particle_fields
     integer :: area = 0               !! of the piece [m2, m in 2-D, 1 in 1-D]
     integer :: surface = 0            !! index into the scene's surfaces, 0: unnamed
     integer :: patch = 0              !! distinct for each region face and surface
+    integer :: outward_area = 0       !! area times normal as they are now, updated mode [m2]
     integer :: displacement = 0       !! [m]
     integer :: velocity = 0           !! [m/s]
     integer :: deformation = 0        !! F as for particles, finite strains [-]
@@ -106,6 +107,7 @@ contains
     handles%velocity = set%add('velocity', 'm/s', ndim, yes, no, no, yes)
     if (needs%updated .or. needs%finite) handles%position_at_build = &
       set%add('position_at_build', 'm', ndim, yes, yes, no, yes)
+    if (needs%updated) handles%outward_area = set%add('outward_area', 'm2', ndim, yes, no, no, yes)
     if (needs%switching) handles%has_head = set%add('has_head', '-', 1, yes, yes, no, yes)
     if (needs%unsaturated) handles%material = set%add('material', '-', 1, yes, yes, no, yes)
     if (.not. needs%finite) return

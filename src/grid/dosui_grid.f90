@@ -355,12 +355,17 @@ contains
     end if
   end subroutine grid_locate
 
-  subroutine grid_find_ends(self, comm, n, cell)
-    !! Finds the patches on whose one side all cells are empty. Collective.
+  subroutine grid_find_ends(self, comm, n, cell, position, margin)
+    !! Finds the patches on whose one side all cells are empty, and stay so while particles move by
+    !! no more than the margin: weights of a folded patch that a particle has moved through are
+    !! negative. Collective.
     class(grid_t), intent(inout) :: self
     type(communicator_t), intent(in) :: comm
     integer, intent(in) :: n
     integer, intent(in) :: cell(n)           !! of the particles
+    real(wp), intent(in) :: position(ndim, n)   !! [m]
+    real(wp), intent(in) :: margin           !! [m]
+    real(wp) :: local(ndim)
     real(wp), allocatable :: occupied(:, :)  ! cells below and above each node, per direction
     integer :: p, c, d, k, centre
     logical :: below, above
@@ -369,10 +374,14 @@ contains
     allocate (occupied(2*ndim, self%n_node), source=0.0_wp)
     do p = 1, n
       if (cell(p) == 0) cycle
+      local = (position(:, p) - self%origin)/self%spacing - self%cell_base(:, cell(p))
       do c = 1, 2**ndim
         do d = 1, ndim
           k = merge(2*d - 1, 2*d, btest(c - 1, d - 1))
           occupied(k, self%cell_node(c, cell(p))) = 1.0_wp
+          if (.not. margin > 0.0_wp) cycle
+          if (merge(1.0_wp - local(d), local(d), btest(c - 1, d - 1))*self%spacing > margin) cycle
+          occupied(4*d - 1 - k, self%cell_node(c, cell(p))) = 1.0_wp   ! the other side
         end do
       end do
     end do

@@ -132,6 +132,6 @@ contains
     !! Time that the fastest wave needs for a grid cell [s].
     type(model_t), intent(in) :: model
 
-    limit = model%scene%grid_spacing/sqrt(model%stiffest/model%density)
+    limit = model%scene%grid_spacing/sqrt(max(model%stiffest, model%stiffest_now)/model%density)
   end function wave_limit
 end module dosui_explicit

@@ -97,6 +97,7 @@ module dosui_model
     real(wp), allocatable :: own_volume(:)            !! not averaged, of finite strains [m3]
     real(wp) :: density = 0.0_wp              !! mean inertial density of the body [kg/m3]
     real(wp) :: stiffest = 0.0_wp             !! largest undrained modulus M + K_w/n [Pa]
+    real(wp) :: stiffest_now = 0.0_wp         !! likewise with the present porosities [Pa]
     real(wp) :: skeleton_modulus = 0.0_wp     !! largest drained modulus M [Pa]
 
     type(index_map_t) :: particle_map         !! ghost particles of the water's neighbourhoods

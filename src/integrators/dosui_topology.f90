@@ -260,7 +260,7 @@ contains
     handle = build_handle(model)
     margin = 0.0_wp
     if (model%updated) then
-      margin = 2.0_wp*model%scene%water%rebuild_displacement*model%spacing
+      margin = moving_margin(model)
     else if (model%centred .and. .not. is_fitted(model)) then
       margin = 2.0_wp*model%scene%grid_spacing   ! parts of cells look for their neighbours
     end if
@@ -284,6 +284,14 @@ contains
     model%movement = 0.0_wp
     call model%timers%stop(model%phase%rebuild)
   end subroutine build_geometry
+
+  pure real(wp) function moving_margin(model) result(margin)
+    !! No particle moves farther between two builds, with a step to spare [m].
+    type(model_t), intent(in) :: model
+
+    margin = 0.0_wp
+    if (model%updated) margin = 2.0_wp*model%scene%water%rebuild_displacement*model%spacing
+  end function moving_margin
 
   subroutine allocate_arrays(model)
     !! Arrays that follow the numbers of particles and nodes.
@@ -339,7 +347,8 @@ contains
     if (model%updated) surface_handle = model%s%position_at_build
     allocate (patch(n), cell(n), source=0)
     call model%grid%locate(n, model%particles%field(handle)%values(:, 1:n), patch, cell, n_lost)
-    call model%grid%find_ends(model%comm, n, cell)
+    call model%grid%find_ends(model%comm, n, cell, model%particles%field(handle)%values(:, 1:n), &
+                              moving_margin(model))
     if (model%centred) call build_quadrature(model, handle, surface_handle, cell)
     call choose_imposition(model, surface_handle)
     associate (field => model%surface%field, h => model%s)
@@ -629,6 +638,12 @@ contains
         softness(p) = 1.0_wp/model%materials%item(model%material(p))%model%constrained_modulus()
       end if
     end do
+    model%stiffest_now = 0.0_wp
+    if (model%updated .and. n > 0) then
+      model%stiffest_now = maxval(1.0_wp/compressibility + &
+                                  merge(1.0_wp, 0.0_wp, softness > 0.0_wp)/max(softness, tiny(1.0_wp)))
+    end if
+    if (model%updated) model%stiffest_now = model%comm%maximum(model%stiffest_now)
     allocate (cells(1, model%grid%n_cell), blocks(1, model%grid%n_block))
     plain = model%rigid .or. model%scene%water%operator == 'two_pass'   ! it holds heads afterwards
     tau_cell = merge(0.0_wp, model%scene%water%cell_storage, plain)

@@ -30,6 +30,8 @@ module dosui_block_system
   integer, parameter :: iteration_limit = 500
   integer, parameter :: refinements = 4   !! of a direct solution
   real(wp), parameter :: refined = 1.0e-9_wp   !! residual of a direct solution [-]
+  ! Squares of smaller ones underflow: a body that comes to rest must not look singular.
+  real(c_double), parameter :: negligible = 1.0e-140_c_double   !! residual [-]
   integer, parameter :: reason_iterations = -3   !! KSP_DIVERGED_ITS
 
   type :: block_t
@@ -394,7 +396,7 @@ contains
       status = vec_place_array(self%right, c_loc(right_side))
       if (status == 0) status = vec_place_array(self%left, c_loc(solution))
     end if
-    if (status == 0) status = ksp_set_tolerances(self%ksp, tolerance, 1.0e-300_c_double, &
+    if (status == 0) status = ksp_set_tolerances(self%ksp, tolerance, negligible, &
                                                  1.0e5_c_double, merge(refinements, &
                                                                    iteration_limit, self%is_direct))
     if (status == 0) status = ksp_set_nonzero_guess(self%ksp, merge(1, 0, is_guess))
@@ -416,7 +418,7 @@ contains
     if (reason == reason_iterations .and. self%is_direct) then
       ! refined as far as round-off lets it
       square = self%comm%sum(sum(right_side(1:n)**2))
-      if (residual <= refined*sqrt(square)) return
+      if (residual <= max(refined*sqrt(square), negligible)) return
       call err%set('the linear system is singular: is the body held by its mechanical conditions?')
     else if (reason < 0) then
       call err%set('the linear solver stopped: '//reason_text(int(reason))//' after '// &

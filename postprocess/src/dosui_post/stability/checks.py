@@ -114,8 +114,8 @@ def alone(evidence: Evidence) -> list[Quantity]:
     return [
         Quantity("numbers changed", float(ids.sum()), 0.0),
         Quantity("mass", float(np.ptp(mass) / mass[0]), 1.0e-14),
-        Quantity("velocity lost", abs(float(velocity) / 2.0 - 1.0), 0.1),
-        Quantity("its pressure", abs(float(_pressure(result)[last])) / 1.0e3, 10.0),
+        Quantity("velocity lost", abs(float(velocity) / 2.0 - 1.0), 1.0e-10),
+        Quantity("its pressure [Pa]", abs(float(_pressure(result)[last])), 1.0e-2),
     ]
 
 
@@ -161,7 +161,7 @@ def slid(evidence: Evidence) -> list[Quantity]:
     kinetic = float(result.history("kinetic_energy").max())
     toe = float(result.points(-1)[:, 0].max())
     return [
-        Quantity("pressure over weight", float(np.abs(pressure).max()), 1.5),
+        Quantity("pressure over weight", float(np.abs(pressure).max()), 5.0),
         Quantity("mass", float(np.ptp(mass) / mass[0]), 1.0e-12),
         Quantity("kinetic over released energy", kinetic / max(released, 1.0e-9), 1.0),
         Quantity("run-out missing", max(6.2 - toe, 0.0), 0.0),

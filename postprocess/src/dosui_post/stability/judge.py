@@ -76,5 +76,7 @@ def _without_result(case: Case, method: Method, outcome: Outcome) -> Verdict:
         message = f"longer than {case.limit:.0f} s"
         return Verdict(case.name, method.name, SLOW, (), message, outcome.wall)
     state = REFUSED if outcome.status == _BAD_INPUT else STOPPED
-    message = re.sub(r"^\S*scene\.nml(:\d+)?: ", "", outcome.last_words())
+    lines = outcome.complaint.splitlines()
+    message = next((line for line in lines if line.startswith("error: ")), outcome.last_words())
+    message = re.sub(r"^(error: )?(\S*scene\.nml(:\d+)?: )?", "", message)
     return Verdict(case.name, method.name, state, (), message, outcome.wall)

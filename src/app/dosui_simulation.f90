@@ -3,7 +3,7 @@ module dosui_simulation
   use dosui_kinds, only: wp, i8
   use dosui_dimension, only: ndim
   use dosui_communicator, only: communicator_t
-  use dosui_equilibrium, only: find_equilibrium
+  use dosui_equilibrium, only: find_equilibrium, find_geostatic_equilibrium
   use dosui_error, only: error_t
   use dosui_explicit, only: choose_explicit_step, explicit_step
   use dosui_model, only: model_t
@@ -138,6 +138,8 @@ contains
     if (model%integrator == 'quasi_static') call quasi_static%init(model, err)
     if (err%failed()) return
     if (from_start) then
+      if (model%scene%time%geostatic_start .and. .not. model%rigid) call geostatic_start(model, err)
+      if (err%failed()) return
       if (model%integrator == 'quasi_static') then
         call quasi_static%settle(model, err)
       else if (model%scene%time%undrained_start .and. .not. model%rigid) then
@@ -360,6 +362,25 @@ contains
              merge(') m', ',  ', d == ndim)
     end do
   end function describe_particle
+
+  subroutine geostatic_start(model, err)
+    !! Effective stresses in equilibrium with weight, loads and pore pressures before the clock
+    !! starts. The body is where it shall be, so what has moved on the way is forgotten, but for
+    !! the springs of penalty walls.
+    type(model_t), intent(inout) :: model
+    type(error_t), intent(inout) :: err
+    integer :: n_iteration, p
+
+    n_iteration = 0
+    call find_geostatic_equilibrium(model, n_iteration, err)
+    if (err%failed()) return
+    model%particles%field(model%p%displacement)%values = 0.0_wp
+    do p = 1, model%surface%count
+      if (model%scene%is_wall(nint(model%surface%field(model%s%surface)%values(1, p)))) cycle
+      model%surface%field(model%s%displacement)%values(:, p) = 0.0_wp
+    end do
+    call model%log%info('geostatic equilibrium after '//to_text(n_iteration)//' iterations')
+  end subroutine geostatic_start
 
   subroutine undrained_start(model, err)
     !! Undrained equilibrium under the loads at t = 0, before the clock starts. In updated scenes

@@ -214,6 +214,7 @@ module dosui_scene
     real(wp) :: largest_step = huge(1.0_wp)          !! [s]
     integer :: maximum_steps = huge(1)
     real(wp) :: relative_tolerance = 1.0e-4_wp       !! of a quasi-static step's pressures [-]
+    logical :: geostatic_start = .false.   !! settle at the given pressures before t = 0
     logical :: undrained_start = .false.   !! settle undrained under the first loads before t = 0
   end type time_t
 

@@ -703,6 +703,13 @@ contains
     logical :: is_wet
     integer :: k
 
+    if (scene%time%geostatic_start .and. scene%time%undrained_start) then
+      call checker%complain('time', 1, 'undrained_start', 'does not go with geostatic_start')
+    end if
+    if (scene%time%geostatic_start .and. scene%deformation == 'finite') then
+      call checker%complain('time', 1, 'geostatic_start', &
+                            'finite strains start from a skeleton without stress')
+    end if
     if (scene%deformation == 'finite') call check_finite(checker, scene)
     if (scene%integrator == 'explicit' .or. scene%integrator == 'auto') return
     is_wet = scene%water_mode /= 'none'

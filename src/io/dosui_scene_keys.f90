@@ -365,6 +365,10 @@ contains
                     range='>= 0'))
     call v%real(time%largest_step, &
                 key('largest_step', 'no step is longer', unit='s', range='> 0'))
+    call v%logical(time%geostatic_start, &
+                   key('geostatic_start', 'bring the initial effective stresses into '// &
+                       'equilibrium with weight, loads and the initial pore pressures before '// &
+                       'the clock starts; displacements count from there'))
     call v%logical(time%undrained_start, &
                    key('undrained_start', 'settle into the undrained equilibrium under the '// &
                        'loads at t = 0 before the clock starts'))

@@ -256,7 +256,7 @@ def rest(method: Method) -> str:
     """A jittered bed under water in hydrostatic and geostatic equilibrium."""
     return f"""&scene dimension = 2 integrator = '{method.integrator}' gravity = 0.0, -9.81 /
 &grid spacing = 0.2 /
-&time end_time = 2.0 /
+&time end_time = 2.0 geostatic_start = .true. /
 &material name = 'soil' young_modulus = 1.0e6 poisson_ratio = 0.3 porosity = {POROSITY}
   hydraulic_conductivity = 1.0e-4 /
 &water bulk_modulus = 3.0e7 {keys_of(method)} /

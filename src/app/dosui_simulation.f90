@@ -135,11 +135,13 @@ contains
 
     status = status_failed
     check_interval = merge(explicit_check_interval, 1, model%integrator == 'explicit')
+    if (from_start .and. model%scene%time%geostatic_start .and. .not. model%rigid) then
+      call geostatic_start(model, err)
+      if (err%failed()) return
+    end if
     if (model%integrator == 'quasi_static') call quasi_static%init(model, err)
     if (err%failed()) return
     if (from_start) then
-      if (model%scene%time%geostatic_start .and. .not. model%rigid) call geostatic_start(model, err)
-      if (err%failed()) return
       if (model%integrator == 'quasi_static') then
         call quasi_static%settle(model, err)
       else if (model%scene%time%undrained_start .and. .not. model%rigid) then

@@ -11,7 +11,7 @@ module dosui_storage
 
   type, public :: storage_t
     logical :: projected = .false.             !! cells and blocks are in use
-    real(wp), allocatable :: compressibility(:)   !! n/K_w of each particle, unless projected [1/Pa]
+    real(wp), allocatable :: compressibility(:)   !! n/K_w of each particle [1/Pa]
     real(wp), allocatable :: in_cell(:)        !! (n_cell) 1/(n/K_w + tau_i/M) [Pa]
     real(wp), allocatable :: in_block(:)       !! (n_block) 1/(n/K_w + tau_m/M) [Pa]
     real(wp), allocatable :: of_block(:)       !! (n_block) 1/(n/K_w) [Pa]
@@ -33,7 +33,7 @@ contains
     real(wp), intent(in) :: block_compressibility(:), block_softness(:)   !! [1/Pa]
 
     self%projected = cell_storage > 0.0_wp .or. block_storage > 0.0_wp
-    if (.not. self%projected) self%compressibility = compressibility
+    self%compressibility = compressibility
     self%in_cell = inverse(cell_compressibility + cell_storage*cell_softness)
     self%in_block = inverse(block_compressibility + block_storage*block_softness)
     self%of_block = inverse(block_compressibility)

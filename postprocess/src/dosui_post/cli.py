@@ -10,6 +10,7 @@ import argparse
 import math
 import os
 import shlex
+import shutil
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -136,6 +137,8 @@ def _material(options: argparse.Namespace) -> int:
 
 
 def _report(options: argparse.Namespace) -> int:
+    if options.subject == "stability":
+        return _stability(options)
     from dosui_post.report.command import Request, report
 
     return report(
@@ -150,6 +153,24 @@ def _report(options: argparse.Namespace) -> int:
             page=options.page,
             ogs=options.ogs,
             kratos=options.kratos,
+            command=shlex.join(["dosui-post", *options.arguments]),
+        )
+    )
+
+
+def _stability(options: argparse.Namespace) -> int:
+    from dosui_post.stability.command import Request, record
+
+    found = options.program or shutil.which("dosui")
+    if found is None:
+        raise DosuiPostError("dosui is not on PATH: give --program PATH")
+    return record(
+        Request(
+            output=options.output,
+            program=Path(found),
+            only=options.only,
+            mpirun=tuple(shlex.split(options.mpirun)),
+            page=options.page,
             command=shlex.join(["dosui-post", *options.arguments]),
         )
     )
@@ -286,11 +307,19 @@ def _add_material(commands: _Commands) -> None:
 def _add_report(commands: _Commands) -> None:
     report = commands.add_parser(
         "report",
-        help="measure speed against error",
+        help="measure speed against error, or stability",
         description="Runs Terzaghi's and Mandel's problems with every integrator, operator and"
         " several spacings and tolerances; writes DIR/runs.csv, pictures and a page. Finished runs"
         " are kept in DIR/runs.jsonl: the same command goes on after an interruption (exit"
         " status 3).",
+    )
+    report.add_argument(
+        "subject",
+        nargs="?",
+        choices=("speed", "stability"),
+        default="speed",
+        help="speed: speed against error (default); stability: the record of hard cases, in which"
+        " --only selects cases and the options of comparisons mean nothing",
     )
     report.add_argument("--program", type=Path, metavar="PATH", help="dosui (default: on PATH)")
     report.add_argument(

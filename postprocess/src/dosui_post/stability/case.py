@@ -93,7 +93,10 @@ class Verdict:
             return None
 
         def size(quantity: Quantity) -> float:
-            ratio = abs(quantity.value) / quantity.limit
-            return math.inf if math.isnan(ratio) else ratio
+            if math.isnan(quantity.value):
+                return math.inf
+            if quantity.limit == 0.0:
+                return 0.0 if quantity.value == 0.0 else math.inf
+            return abs(quantity.value) / quantity.limit
 
         return max(self.quantities, key=size)

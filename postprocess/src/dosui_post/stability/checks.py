@@ -52,8 +52,8 @@ def no_overshoot(evidence: Evidence) -> list[Quantity]:
 
 def faded(evidence: Evidence) -> list[Quantity]:
     """A checkerboard is gone."""
-    left = np.abs(_pressure(evidence.result)).max() / scenes.LOAD
-    return [Quantity("amplitude left", float(left), 0.02)]
+    left = np.sqrt(np.mean(_pressure(evidence.result) ** 2)) / scenes.LOAD
+    return [Quantity("rms left", float(left), 0.02)]
 
 
 def lid(evidence: Evidence) -> list[Quantity]:

@@ -26,7 +26,7 @@ from report import write_csv, write_page
 ROOT = Path(__file__).resolve().parents[2]
 BIN = Path(os.environ.get("DOSUI_BIN", ROOT / "build" / "release" / "bin"))
 SPACING = 0.01  # of the grid [m]
-PER_CELL = {2: 4, 3: 8}
+PER_CELL = {1: 2, 2: 4, 3: 8}
 STEPPED = (
     "geometry",
     "particles to grid",
@@ -45,12 +45,47 @@ class Case:
     dimension: int
     water: bool
     updated: bool
+    soil: str = ""
+    """more keys of &material"""
+    groups: str = ""
+    """more groups"""
+    drain: str = "kind = 'head' value = 0.0"
+    """keys of the &hydraulic_condition of the top"""
 
     @property
     def label(self) -> str:
         """As it is called in the tables."""
         mode = "updated" if self.updated else "small strain"
         return f"{self.dimension}-D {'coupled' if self.water else 'dry'}, {mode}"
+
+    def scene(self, particles: int, steps: int) -> str:
+        """The namelist; the number of particles is rounded to whole cells."""
+        d = self.dimension
+        width = round((particles / PER_CELL[d]) ** (1 / d)) * SPACING
+        vector = ", ".join
+        # About 0.3 % of the sound speed: some 30 steps between the rebuilds of an updated scene.
+        speed = 5.0 if self.water else 0.3
+        flow = "hydraulic_conductivity = 1.0e-6" if self.water else ""
+        mode = "updated" if self.updated else "small_strain"
+        lines = [
+            f"&scene dimension = {d} water = '{'saturated' if self.water else 'none'}'",
+            f"  deformation = '{mode}' gravity = {vector(['0.0'] * (d - 1) + ['-9.81'])} /",
+            f"&grid spacing = {SPACING} shape_function = '{'gimp' if self.updated else 'linear'}' /",
+            f"&time end_time = 1.0e3 maximum_steps = {steps} /",
+            "&material name = 'soil' young_modulus = 1.0e7 poisson_ratio = 0.3 porosity = 0.4",
+            f"  {flow} {self.soil} /",
+            "&region name = 'block' material = 'soil' particles_per_cell = 2",
+            f"  box_min = {vector(['0.0'] * d)} box_max = {vector([f'{width:.6f}'] * d)}",
+            f"  velocity = {vector([str(speed)] + ['0.0'] * (d - 1))} /",
+            "&surface name = 'top' region = 'block' face = 'z+' /",
+            "&mechanical_condition surface = 'top' kind = 'pressure' value = 1000.0 /",
+            "&output name = 'benchmark' /",
+            self.groups,
+        ]
+        if self.water:
+            lines.append("&water bulk_modulus = 2.2e9 stepping = 'single' /")
+            lines.append(f"&hydraulic_condition surface = 'top' {self.drain} /")
+        return "\n".join(lines) + "\n"
 
 
 @dataclass
@@ -71,35 +106,6 @@ class Measurement:
     phases: dict[str, float]  # ns, mean over the ranks
 
 
-def scene(case: Case, particles: int, steps: int) -> str:
-    """The namelist; the number of particles is rounded to whole cells."""
-    d = case.dimension
-    width = round((particles / PER_CELL[d]) ** (1 / d)) * SPACING
-    vector = ", ".join
-    # About 0.3 % of the sound speed: some 30 steps between the rebuilds of an updated scene.
-    speed = 5.0 if case.water else 0.3
-    flow = "hydraulic_conductivity = 1.0e-6" if case.water else ""
-    lines = [
-        f"&scene dimension = {d} water = '{'saturated' if case.water else 'none'}'",
-        f"  deformation = '{'updated' if case.updated else 'small_strain'}'",
-        f"  gravity = {vector(['0.0'] * (d - 1) + ['-9.81'])} /",
-        f"&grid spacing = {SPACING} shape_function = '{'gimp' if case.updated else 'linear'}' /",
-        f"&time end_time = 1.0e3 maximum_steps = {steps} /",
-        "&material name = 'soil' young_modulus = 1.0e7 poisson_ratio = 0.3 porosity = 0.4",
-        f"  {flow} /",
-        "&region name = 'block' material = 'soil' particles_per_cell = 2",
-        f"  box_min = {vector(['0.0'] * d)} box_max = {vector([f'{width:.6f}'] * d)}",
-        f"  velocity = {vector([str(speed)] + ['0.0'] * (d - 1))} /",
-        "&surface name = 'top' region = 'block' face = 'z+' /",
-        "&mechanical_condition surface = 'top' kind = 'pressure' value = 1000.0 /",
-        "&output name = 'benchmark' /",
-    ]
-    if case.water:
-        lines.append("&water bulk_modulus = 2.2e9 stepping = 'single' /")
-        lines.append("&hydraulic_condition surface = 'top' kind = 'head' value = 0.0 /")
-    return "\n".join(lines) + "\n"
-
-
 def busy_seconds() -> float:
     """Processor time that the machine has spent on other things than our children [s]."""
     fields = [int(k) for k in Path("/proc/stat").read_text().split("\n", 1)[0].split()[1:9]]
@@ -113,7 +119,7 @@ def run(case: Case, particles: int, steps: int, ranks: int) -> tuple[str, float,
     program = str(BIN / "dosui")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder)
-        (path / "scene.nml").write_text(scene(case, particles, steps))
+        (path / "scene.nml").write_text(case.scene(particles, steps))
         # The wrapper reports the peak memory of the one rank that it starts.
         command = [sys.executable, __file__, "--rank", folder, program, "scene.nml"]
         if ranks > 1:

@@ -51,9 +51,7 @@ def record(request: Request) -> int:
     version = program.version.splitlines()[0]
     draw(cases, verdicts, picture, f"Worst quantity of each run over its limit. {version}")
     machine, day = this_machine(), date.today().isoformat()
-    write_page(
-        page, cases, verdicts, machine, program.version, picture, day, request.command
-    )
+    write_page(page, cases, verdicts, machine, program.version, picture, day, request.command)
     request.output.mkdir(parents=True, exist_ok=True)
     table = request.output / "verdicts.json"
     text = json.dumps([asdict(verdict) for verdict in verdicts], indent=1, allow_nan=True)

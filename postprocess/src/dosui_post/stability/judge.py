@@ -25,6 +25,7 @@ from dosui_post.stability.case import (
 
 _BAD_INPUT = 2  # exit status of dosui
 _RESULT = "result.vtkhdf"
+_MOST_STEPS = 1.0e7
 
 
 def judge(case: Case, method: Method, program: Program) -> Verdict:
@@ -34,6 +35,9 @@ def judge(case: Case, method: Method, program: Program) -> Verdict:
         return Verdict(case.name, method.name, NOT_MEANT)
     with tempfile.TemporaryDirectory(prefix="dosui_stability_") as name:
         folder = Path(name)
+        steps = _expected_steps(text, folder, program, case.limit)
+        if steps > _MOST_STEPS:
+            return Verdict(case.name, method.name, SLOW, (), f"about {steps:.0e} steps, not run")
         outcome = _compute(text, case.ranks, folder / "run", program, case.limit)
         if outcome.status != 0:
             return _without_result(case, method, outcome)
@@ -49,15 +53,21 @@ def judge(case: Case, method: Method, program: Program) -> Verdict:
 # ---------------------------------------------------------------------- inside
 
 
+def _expected_steps(text: str, folder: Path, program: Program, limit: float) -> float:
+    """What --check says of steps whose length stability limits; 0 if it does not."""
+    (folder / "check.nml").write_text(text, encoding="utf-8")
+    checked = run(program.command(1, "--check", "check.nml"), folder, limit)
+    found = re.search(r"^time step .*; about (\d+) steps", checked.output, re.MULTILINE)
+    return float(found[1]) if found else 0.0
+
+
 def _compute(text: str, ranks: int, folder: Path, program: Program, limit: float) -> Outcome:
     folder.mkdir()
     (folder / "scene.nml").write_text(text, encoding="utf-8")
     return run(program.command(ranks, "scene.nml", "--output", "."), folder, limit)
 
 
-def _judged(
-    case: Case, method: Method, path: Path, serial: Path | None, wall: float
-) -> Verdict:
+def _judged(case: Case, method: Method, path: Path, serial: Path | None, wall: float) -> Verdict:
     try:
         with Result(path) as result:
             if serial is None:

@@ -64,7 +64,7 @@ contains
       call find_residual(model, residual, norm)
       model%relaxing = .false.
       weight = max(norm2(model%scene%gravity)*sqrt(model%comm%sum(sum( &
-                   model%particles%field(model%p%mass)%values(1, :model%particles%count)))), first)
+                    model%particles%field(model%p%mass)%values(1, :model%particles%count)))), first)
       if (k == 1) first = norm
       if (norm <= balanced*max(weight, first)) return
       stress = model%particles%field(model%p%effective_stress)%values

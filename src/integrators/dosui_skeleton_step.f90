@@ -105,7 +105,7 @@ contains
     type(model_t), intent(in) :: model
     real(wp), intent(inout) :: pressure(:)    !! of the cells; of ragged ones 0 on return [Pa]
     real(wp), intent(inout) :: stress(:, :)   !! (nsig, n_cell) likewise [Pa]
-    real(wp), allocatable, intent(out) :: bearing(:)   !! of the particles, compression positive [Pa]
+    real(wp), allocatable, intent(out) :: bearing(:)   !! of particles, compression positive [Pa]
     real(wp), allocatable :: mean(:)
     integer :: a, p
 
@@ -495,7 +495,7 @@ contains
 
     allocate (is_near(model%grid%n_node), source=.false.)
     do p = 1, model%surface%count
-      if (model%surface_cell(p) > 0) is_near(model%grid%cell_node(:, model%surface_cell(p))) = .true.
+     if (model%surface_cell(p) > 0) is_near(model%grid%cell_node(:, model%surface_cell(p))) = .true.
     end do
     allocate (cell_sums(size(sums, 1), model%grid%n_cell), source=0.0_wp)
     do p = 1, model%particles%count

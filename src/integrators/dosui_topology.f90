@@ -641,7 +641,7 @@ contains
     model%stiffest_now = 0.0_wp
     if (model%updated .and. n > 0) then
       model%stiffest_now = maxval(1.0_wp/compressibility + &
-                                  merge(1.0_wp, 0.0_wp, softness > 0.0_wp)/max(softness, tiny(1.0_wp)))
+                               merge(1.0_wp, 0.0_wp, softness > 0.0_wp)/max(softness, tiny(1.0_wp)))
     end if
     if (model%updated) model%stiffest_now = model%comm%maximum(model%stiffest_now)
     allocate (cells(1, model%grid%n_cell), blocks(1, model%grid%n_block))

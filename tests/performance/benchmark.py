@@ -67,10 +67,11 @@ class Case:
         speed = 5.0 if self.water else 0.3
         flow = "hydraulic_conductivity = 1.0e-6" if self.water else ""
         mode = "updated" if self.updated else "small_strain"
+        shape = "gimp" if self.updated else "linear"
         lines = [
             f"&scene dimension = {d} water = '{'saturated' if self.water else 'none'}'",
             f"  deformation = '{mode}' gravity = {vector(['0.0'] * (d - 1) + ['-9.81'])} /",
-            f"&grid spacing = {SPACING} shape_function = '{'gimp' if self.updated else 'linear'}' /",
+            f"&grid spacing = {SPACING} shape_function = '{shape}' /",
             f"&time end_time = 1.0e3 maximum_steps = {steps} /",
             "&material name = 'soil' young_modulus = 1.0e7 poisson_ratio = 0.3 porosity = 0.4",
             f"  {flow} {self.soil} /",

@@ -3,8 +3,9 @@
     cmake --build --preset release --target dosui1d dosui2d dosui3d
     python tests/performance/cost.py             # about ten minutes; writes docs/cost.md
 
-Every option is compared with the scene that has all else alike, run by run in turns; medians count. Off
-means that the option's keys are written with their neutral value: it must cost nothing.
+Every option is compared with the scene that has all else alike, run by run in turns; medians
+count. Off means that the option's keys are written with their neutral value: it must cost
+nothing.
 """
 
 from __future__ import annotations
@@ -26,20 +27,22 @@ PAGE = """<!-- Written by tests/performance/cost.py: do not edit. -->
 
 # What options cost
 
-Only what a scene needs: an option that is off must cost nothing, and one that is on shows its price.
+Only what a scene needs: an option that is off must cost nothing, and one that is on shows its
+price.
 
-Measured on {date} with {version}; one rank, about {particles} particles. Every option is measured against
-the scene that is alike but for it, in turns; the table holds differences of medians of {runs} runs, per particle
-and step. **Noise** is the largest difference between two runs of the same scene: {noise:.0f} ns.
-*Off* writes the option's keys with their neutral value.
+Measured on {date} with {version}; one rank, about {particles} particles. Every option is measured
+against the scene that is alike but for it, in turns; the table holds differences of medians of
+{runs} runs, per particle and step. **Noise** is the largest difference between two runs of the
+same scene: {noise:.0f} ns. *Off* writes the option's keys with their neutral value.
 
 | option | against | ns there | B there | off: ns | off: B | on: ns | on: B |
 |---|---|---|---|---|---|---|---|
 {rows}
 
-The blocks are those of [performance.md](performance.md): in free flight, loaded on the top. Soils that
-yield start beyond their strength, so that every particle returns to the yield surface. Dimensions compare
-whole scenes; what is left to do for a particle grows with the nodes and neighbours that it has.
+The blocks are those of [performance.md](performance.md): in free flight, loaded on the top. Soils
+that yield start beyond their strength, so that every particle returns to the yield surface.
+Dimensions compare whole scenes; what is left to do for a particle grows with the nodes and
+neighbours that it has.
 
 Again: `python tests/performance/cost.py`.
 """
@@ -47,7 +50,7 @@ Again: `python tests/performance/cost.py`.
 
 @dataclass
 class Option:
-    """One line: what it is compared with, the scene with its neutral keys, and the scene with it."""
+    """One line: what it is compared with, the scene with neutral keys, and with the option."""
 
     name: str
     against: str
@@ -121,7 +124,7 @@ def main() -> None:
     for option in options:
         ns, size = median(option.base, found)
         on = median(option.on, found)
-        cells = ["–", "–"]
+        cells = ["", ""]
         if option.off is not None:
             off = median(option.off, found)
             cells = [f"{off[0] - ns:+.0f}", f"{off[1] - size:+.0f}"]

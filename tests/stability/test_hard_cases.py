@@ -1,7 +1,7 @@
 """The default methods hold every hard case; the record in docs/stability.md is of this program.
 
-The limits are those of dosui_post.stability; `dosui-post report stability` writes the whole record, with
-the published two-pass recipe and the cases that take longer than a test may.
+The limits are those of dosui_post.stability; `dosui-post report stability` writes the whole
+record, with the published two-pass recipe and the cases that take longer than a test may.
 """
 
 from __future__ import annotations

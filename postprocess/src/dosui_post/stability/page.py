@@ -27,12 +27,13 @@ Measured on {date} ({cpu}) with
 
     {version}
 
-Each case is run with its scene written for four methods: the default method (compact operator, means
-over cells, APIC) with each of the three integrators, and for contrast the published *two-pass* recipe
-(two first derivatives, FLIP, no means over cells, explicit). Every run must end by itself and keep what
-the second column promises; the number is the quantity nearest to its limit. **Bold** is a failure.
-*refused*: dosui says why it does not take the scene; *stopped*: it ended with an error; *too slow*: longer
-than the case's limit of wall time; –: the method has no meaning there (no inertia, no motion).
+Each case is run with its scene written for four methods: the default method (compact operator,
+means over cells, APIC) with each of the three integrators, and for contrast the published
+*two-pass* recipe (two first derivatives, FLIP, no means over cells, explicit). Every run must end
+by itself and keep what the second column promises; the number is the quantity nearest to its
+limit. **Bold** is a failure. *refused*: dosui says why it does not take the scene; *stopped*: it
+ended with an error; *too slow*: longer than the case's limit of wall time; –: the method has no
+meaning there (no inertia, no motion).
 
 {summary}
 
@@ -50,11 +51,11 @@ than the case's limit of wall time; –: the method has no meaning there (no ine
 
 ## The cases
 
-Soil, if nothing else is said: E = 1 MPa, ν = 0.2, n = 0.3, k = 1e-4 m/s, K_w = 3 MPa, four particles a
-cell, columns of 0.25 m x 1 m with spacings of 0.05 m, load 1 kPa; errors are relative L2 errors of the pore
-pressure against the exact solution, the largest at T = 0.05, 0.1 and 0.2. Motions (translation, rotation,
-collision, thrown particle, compression, slide) are `updated` scenes with GIMP functions; quasi-static
-compression has `finite` strains. The namelists are in
+Soil, if nothing else is said: E = 1 MPa, ν = 0.2, n = 0.3, k = 1e-4 m/s, K_w = 3 MPa, four
+particles a cell, columns of 0.25 m x 1 m with spacings of 0.05 m, load 1 kPa; errors are relative
+L2 errors of the pore pressure against the exact solution, the largest at T = 0.05, 0.1 and 0.2.
+Motions (translation, rotation, collision, thrown particle, compression, slide) are `updated`
+scenes with GIMP functions; quasi-static compression has `finite` strains. The namelists are in
 [`scenes.py`](../postprocess/src/dosui_post/stability/scenes.py), the limits in
 [`checks.py`](../postprocess/src/dosui_post/stability/checks.py).
 

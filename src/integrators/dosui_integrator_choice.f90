@@ -56,6 +56,9 @@ contains
     if (scene%water%operator == 'two_pass' .and. scene%water_mode /= 'none') then
       choice%name = 'explicit'
       choice%reason = 'the two_pass operator has no other'
+    else if (has_rigid_walls(scene)) then
+      choice%name = 'explicit'
+      choice%reason = 'rigid walls have no other'
     else if (len(inertia) == 0) then
       choice%name = 'quasi_static'
       choice%reason = 'nothing in the scene has inertia'
@@ -71,6 +74,14 @@ contains
       choice%reason = inertia
     end if
   end subroutine choose_integrator
+
+  pure logical function has_rigid_walls(scene) result(has_walls)
+    !! May bodies meet walls?
+    type(scene_t), intent(in) :: scene
+
+    has_walls = .false.
+    if (allocated(scene%rigid_wall)) has_walls = size(scene%rigid_wall) > 0
+  end function has_rigid_walls
 
   subroutine estimate_steps(scene, materials, spacing, choice, travel)
     !! Steps of each integrator, and the time a wave of the skeleton takes through the body.

@@ -10,6 +10,7 @@ module dosui_skeleton_step
   use dosui_model, only: model_t
   use dosui_particle_to_grid, only: particles_to_grid
   use dosui_pore_water, only: bearing_pressure
+  use dosui_rigid_walls, only: meet_walls, rest_on_walls
   use dosui_stress_update, only: update_stress, update_volume
   implicit none
   private
@@ -245,6 +246,9 @@ contains
                                       model%clock%time + model%clock%dt, model%clock%dt, &
                                       max(model%nodal(1, :), model%inertia), model%velocity_old, &
                                       model%velocity)
+    if (allocated(model%scene%rigid_wall)) then
+      call meet_walls(model%scene%rigid_wall, model%grid, model%velocity)
+    end if
     call model%timers%stop(model%phase%nodes)
   end subroutine update_nodes
 
@@ -260,6 +264,9 @@ contains
                                       model%clock%time, 1.0_wp, &
                                       max(model%nodal(1, :), model%inertia), &
                                       model%velocity_old, acceleration, at_rest=.true.)
+    if (allocated(model%scene%rigid_wall)) then
+      call rest_on_walls(model%scene%rigid_wall, model%grid, acceleration)
+    end if
   end subroutine nodal_accelerations
 
   pure real(wp) function light_node_mass(model) result(mass)

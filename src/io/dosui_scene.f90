@@ -137,6 +137,17 @@ module dosui_scene
     !! (ndim, n) chain of points in 2-D, corners of a flat convex polygon in 3-D [m]
   end type barrier_t
 
+  type, public :: rigid_wall_t
+    !! A half-space that bodies do not enter.
+    character(len=name_length) :: name = ''
+    real(wp) :: position(ndim) = 0.0_wp              !! a point of its plane [m]
+    real(wp) :: normal(ndim) = 0.0_wp                !! from the wall to the bodies, any length
+    character(len=name_length) :: kind = 'frictional'   !! or 'rough'
+    real(wp) :: friction = 0.0_wp                    !! coefficient [-]
+  contains
+    procedure :: is_rough => rigid_wall_is_rough
+  end type rigid_wall_t
+
   type, public :: pattern_t
     !! How a value varies: a table of time times a formula of place and time.
     type(table_t) :: factor                          !! unallocated: 1
@@ -277,6 +288,7 @@ module dosui_scene
     type(mechanical_condition_t), allocatable :: mechanical_condition(:)
     type(hydraulic_condition_t), allocatable :: hydraulic_condition(:)
     type(barrier_t), allocatable :: barrier(:)
+    type(rigid_wall_t), allocatable :: rigid_wall(:)
     type(probe_t), allocatable :: probe(:)
   contains
     procedure :: is_wall => scene_is_wall
@@ -302,6 +314,13 @@ contains
     factor = self%factor%at(time)
     if (allocated(self%formula)) factor = factor*self%expression%value([position, time])
   end function pattern_at
+
+  pure elemental logical function rigid_wall_is_rough(self) result(is_rough)
+    !! Does what touches the wall stick to it?
+    class(rigid_wall_t), intent(in) :: self
+
+    is_rough = self%kind == 'rough'
+  end function rigid_wall_is_rough
 
   pure logical function scene_is_wall(self, surface) result(is_wall)
     !! Does something of its own hold or move a surface? Barriers count as walls.

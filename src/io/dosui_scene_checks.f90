@@ -49,6 +49,7 @@ contains
     call check_sources(checker, scene)
     call check_suction(checker, scene)
     call check_barriers(checker, scene)
+    call check_rigid_walls(checker, scene)
     call check_shaking(checker, scene)
     call check_output(checker, scene)
     call check_verification(checker, scene)
@@ -601,6 +602,26 @@ contains
       end if
     end do
   end subroutine check_shaking
+
+  subroutine check_rigid_walls(checker, scene)
+    !! Walls that explicit steps can meet.
+    type(checker_t), intent(inout) :: checker
+    type(scene_t), intent(in) :: scene
+    integer :: k
+
+    do k = 1, group_size(scene, 'rigid_wall')
+      if (scene%integrator /= 'explicit' .and. scene%integrator /= 'auto') then
+        call checker%complain('rigid_wall', k, '', 'works with integrator = ''explicit'' only')
+      end if
+      if (scene%deformation == 'finite') then
+        call checker%complain('rigid_wall', k, '', 'does not work with finite strains')
+      end if
+      if (checker%has('rigid_wall', k, 'normal') .and. &
+          .not. norm2(scene%rigid_wall(k)%normal) > 0.0_wp) then
+        call checker%complain('rigid_wall', k, 'normal', 'must not be zero')
+      end if
+    end do
+  end subroutine check_rigid_walls
 
   subroutine check_barriers(checker, scene)
     !! Barriers stand still in bodies that hardly move.

@@ -9,7 +9,7 @@ module dosui_scene_keys
   use dosui_dimension, only: ndim, axis
   use dosui_scene, only: scene_t, region_t, material_t, water_t, mechanics_t, initial_state_t, &
                          surface_t, mechanical_condition_t, hydraulic_condition_t, probe_t, &
-                         barrier_t, base_motion_t, &
+                         barrier_t, base_motion_t, rigid_wall_t, &
                          solver_t, source_t, time_t, output_t, verification_t, table_t, &
                          axis_name, name_length
   use dosui_text, only: to_text
@@ -146,7 +146,7 @@ contains
     !! All groups in the order in which a scene is best written.
     type(group_t), allocatable :: groups(:)
 
-    allocate (groups(18))
+    allocate (groups(19))
     groups(1) = group_t('scene', 'What is computed, and how.', .true., .false.)
     groups(2) = group_t('grid', 'The background grid and the domain. Memory and time follow '// &
                         'the particles: a large domain costs nothing.', .true., .false.)
@@ -170,17 +170,19 @@ contains
     groups(12) = group_t('barrier', 'An interior surface that water does not pass, a sheet '// &
                          'pile say: particles do not see each other through it. It has no '// &
                          'stiffness.', .false., .true.)
-    groups(13) = group_t('source', 'Body forces and water sources as formulas of x, y, z and t '// &
+    groups(13) = group_t('rigid_wall', 'A rigid half-space outside all bodies: they may meet '// &
+                         'it, slide on it and leave it. Explicit steps only.', .false., .true.)
+    groups(14) = group_t('source', 'Body forces and water sources as formulas of x, y, z and t '// &
                          '(those of the dimension), with + - * / ^, pi, sin cos tan atan exp '// &
                          'log sqrt abs sinh cosh tanh step min max.', .false., .false.)
-    groups(14) = group_t('base_motion', 'Shaking of the base: the scene is computed in a frame '// &
+    groups(15) = group_t('base_motion', 'Shaking of the base: the scene is computed in a frame '// &
                          'that moves with it, so displacements and velocities are relative.', &
                          .false., .false.)
-    groups(15) = group_t('probe', 'A value whose history is written to the result file.', &
+    groups(16) = group_t('probe', 'A value whose history is written to the result file.', &
                          .false., .true.)
-    groups(16) = group_t('solver', 'Linear systems of the implicit integrators.', .false., .false.)
-    groups(17) = group_t('output', 'Names and intervals of the files.', .false., .false.)
-    groups(18) = group_t('verification', 'The exact solution that `dosui-post verify` compares '// &
+    groups(17) = group_t('solver', 'Linear systems of the implicit integrators.', .false., .false.)
+    groups(18) = group_t('output', 'Names and intervals of the files.', .false., .false.)
+    groups(19) = group_t('verification', 'The exact solution that `dosui-post verify` compares '// &
                          'with.', .false., .false.)
   end function scene_groups
 
@@ -205,6 +207,9 @@ contains
     case ('barrier')
       n = 0
       if (allocated(scene%barrier)) n = size(scene%barrier)
+    case ('rigid_wall')
+      n = 0
+      if (allocated(scene%rigid_wall)) n = size(scene%rigid_wall)
     case ('probe')
       n = size(scene%probe)
     case default
@@ -240,6 +245,9 @@ contains
     case ('barrier')
       if (allocated(scene%barrier)) deallocate (scene%barrier)
       allocate (scene%barrier(n))
+    case ('rigid_wall')
+      if (allocated(scene%rigid_wall)) deallocate (scene%rigid_wall)
+      allocate (scene%rigid_wall(n))
     case ('probe')
       if (allocated(scene%probe)) deallocate (scene%probe)
       allocate (scene%probe(n))
@@ -279,6 +287,8 @@ contains
       call visit_hydraulic_condition(visitor, scene%hydraulic_condition(instance))
     case ('barrier')
       call visit_barrier(visitor, scene%barrier(instance))
+    case ('rigid_wall')
+      call visit_rigid_wall(visitor, scene%rigid_wall(instance))
     case ('source')
       call visit_source(visitor, scene%source)
     case ('base_motion')
@@ -827,6 +837,23 @@ contains
                   key('vertices', '2-D: a chain of points x1, z1, x2, z2, ...; 3-D: corners of '// &
                       'a flat convex polygon, in order', unit='m', required=.true.))
   end subroutine visit_barrier
+
+  subroutine visit_rigid_wall(v, wall)
+    !! Keys of &rigid_wall.
+    class(key_visitor_t), intent(inout) :: v
+    type(rigid_wall_t), intent(inout) :: wall
+
+    call v%name(wall%name, key('name', 'what messages call it', required=.true.))
+    call v%vector(wall%position, key('position', 'a point of its plane', unit='m', required=.true.))
+    call v%vector(wall%normal, key('normal', 'from the wall towards the bodies, of any length', &
+                                   unit='-', required=.true.))
+    call v%name(wall%kind, key('kind', 'frictional: slides, with Coulomb''s friction; rough: '// &
+                               'what touches it sticks', choices='frictional rough'))
+    call v%real(wall%friction, &
+                key('friction', 'tangent of the angle of friction between soil and wall', &
+                    unit='-', range='>= 0', only='kind = ''frictional''', &
+                    applies=.not. wall%is_rough()))
+  end subroutine visit_rigid_wall
 
   subroutine visit_table(v, table, only, applies)
     !! The two keys of a factor over time.

@@ -171,6 +171,7 @@ contains
     end do
     call allocate_group(scene, 'initial_state', 0)
     call allocate_group(scene, 'barrier', 0)
+    call allocate_group(scene, 'rigid_wall', 0)
     scene%title = 'Terzaghi consolidation of a column'
     scene%grid_spacing = 0.05_wp
     scene%time%end_time = 9.0_wp

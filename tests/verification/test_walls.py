@@ -1,0 +1,93 @@
+"""Bodies that meet rigid walls: friction, leaving, and a column that collapses."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from conftest import ROOT, Runner
+
+GRAVITY, ANGLE, END = 9.81, math.radians(30.0), 0.5
+
+
+def block(wall: str, shape: str = "gimp", motion: str = "", turn: bool = True) -> str:
+    """An elastic block on a floor, gravity inclined."""
+    gx = GRAVITY * math.sin(ANGLE) if turn else 0.0
+    gz = -GRAVITY * math.cos(ANGLE) if turn else 0.0
+    return f"""
+&scene dimension = 2 water = 'none' deformation = 'updated' gravity = {gx!r}, {gz!r} /
+&grid spacing = 0.1 shape_function = '{shape}' /
+&time end_time = {END} /
+&material name = 'soil' young_modulus = 1.0e7 poisson_ratio = 0.3 /
+&region name = 'block' material = 'soil' box_min = 0.0, 0.0 box_max = 0.6, 0.3 {motion} /
+&rigid_wall name = 'floor' position = 0.0, 0.0 normal = 0.0, 2.0 {wall} /
+&output name = 'block' /
+"""
+
+
+@pytest.mark.parametrize("shape", ["gimp", "bspline"])
+@pytest.mark.parametrize("friction", [0.0, 0.2, 0.4])
+def test_sliding(dosui: Runner, friction: float, shape: str) -> None:
+    """Down an incline with g (sin b - mu cos b)."""
+    run = dosui(block(f"friction = {friction}", shape))
+    assert run.status == 0, run.stderr
+    speed = run.fields("block")["velocity"][:, 0].mean()
+    exact = GRAVITY * (math.sin(ANGLE) - friction * math.cos(ANGLE))
+    assert speed / END == pytest.approx(exact, rel=5e-3)
+
+
+def test_rough_wall_holds(dosui: Runner) -> None:
+    """What sticks does not slide: it only shakes."""
+    run = dosui(block("kind = 'rough'"))
+    assert run.status == 0, run.stderr
+    assert np.abs(run.fields("block")["displacement"]).max() <= 2e-3
+
+
+def test_leaving_is_free(dosui: Runner) -> None:
+    """A block that is thrown off the wall keeps its momentum to round-off."""
+    run = dosui(block("friction = 0.5", motion="velocity = 0.2, 1.0", turn=False))
+    assert run.status == 0, run.stderr
+    velocity = run.fields("block")["velocity"]
+    assert np.abs(velocity[:, 0] - 0.2).max() <= 1e-12
+    assert np.abs(velocity[:, 2] - 1.0).max() <= 1e-12
+
+
+def test_ranks(dosui: Runner) -> None:
+    """The same on three ranks."""
+    one = dosui(block("friction = 0.2"), folder="one").fields("block")
+    three = dosui(block("friction = 0.2"), ranks=3, folder="three").fields("block")
+    for name in ("displacement", "velocity", "effective_stress"):
+        assert np.abs(one[name] - three[name]).max() <= 1e-11 * np.abs(one[name]).max()
+
+
+@pytest.mark.parametrize("aspect", [0.5, 1.0])
+def test_column_collapse(dosui: Runner, aspect: float) -> None:
+    """Run-out of 99 % of the sand within 30 % of 1.2 a (Lube et al. 2005, a < 2.3); at rest in the
+    end, all of it on the floor."""
+    text = (ROOT / "input/column_collapse/scene.nml").read_text()
+    text = text.replace("box_max = 0.2, 0.2", f"box_max = 0.2, {0.2 * aspect}")
+    run = dosui(text.replace("surface_level = 0.2", f"surface_level = {0.2 * aspect}"))
+    assert run.status == 0, run.stderr
+    x = np.sort(run.fields("column_collapse")["points"][:, 0])
+    reach = (x[int(0.99 * len(x))] - 0.2) / 0.2
+    assert abs(reach / (1.2 * aspect) - 1) <= 0.3
+    fields = run.fields("column_collapse")
+    assert fields["points"][:, 2].min() > 0.0 and fields["points"][:, 0].min() > 0.0
+    assert np.abs(fields["velocity"]).max() <= 0.02
+    mass = run.history("column_collapse", "mass")
+    assert np.ptp(mass) <= 1e-12 * mass[0]
+
+
+def test_refusals(dosui: Runner) -> None:
+    """Implicit steps and walls without a direction are refused with the line of the group."""
+    text = block("friction = 0.2").replace("dimension = 2", "dimension = 2 integrator = 'auto'")
+    assert dosui(text, "--check").status == 0
+    assert "rigid walls have no other" in dosui(text, "--check").stdout
+    wrong = text.replace("'auto'", "'quasi_static'").replace("'updated'", "'small_strain'")
+    run = dosui(wrong, "--check")
+    assert run.status == 2 and "rigid_wall" in run.stderr
+    run = dosui(text.replace("normal = 0.0, 2.0", "normal = 0.0, 0.0"), "--check")
+    assert run.status == 2 and "normal" in run.stderr
+    run = dosui(text.replace("friction = 0.2", "friction = -0.2"), "--check")
+    assert run.status == 2 and "friction" in run.stderr

@@ -20,6 +20,8 @@ BIN = Path(os.environ.get("DOSUI_BIN", ROOT / "build" / "release" / "bin"))
 LONG = {  # seconds of each; in the record only
     ("rotation", "semi-implicit"),
     ("compression", "semi-implicit"),
+    ("nu-0.49", "semi-implicit"),
+    ("nu-0.499", "semi-implicit"),
     ("water-2.2e9", "explicit"),
     ("water-1e12", "explicit"),
     ("drawdown", "explicit"),

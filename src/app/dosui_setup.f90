@@ -222,14 +222,9 @@ contains
         s = findloc(scene%surface%name == scene%mechanical_condition(c)%surface, .true., dim=1)
         r = findloc(scene%region%name == scene%surface(s)%region, .true., dim=1)
         m = findloc(scene%material%name == scene%region(r)%material, .true., dim=1)
-        associate (soil => scene%material(m), stiff => model%materials%item(m)%model)
-          density = (1.0_wp - soil%porosity)*soil%solid_density
-          modulus = stiff%constrained_modulus()
-          if (model%coupled) then
-            density = density + soil%porosity*scene%water%density
-            modulus = modulus + scene%water%bulk_modulus/soil%porosity
-          end if
-          density = density*scene%mechanics%density_scaling
+        associate (stiff => model%materials%item(m)%model)
+          density = scene%mixture_density(m)*scene%mechanics%density_scaling
+          modulus = stiff%constrained_modulus() + scene%water_modulus(m)
           scene%mechanical_condition(c)%impedance = sqrt(density* &
                                                          [modulus, stiff%shear_modulus()])
         end associate
@@ -281,9 +276,7 @@ contains
     do m = 1, size(model%scene%material)
       if (model%scene%material(m)%rigid) cycle
       modulus = model%materials%item(m)%model%constrained_modulus()
-      undrained = modulus
-      if (model%coupled) undrained = modulus + model%scene%water%bulk_modulus/ &
-                                     model%scene%material(m)%porosity
+      undrained = modulus + model%scene%water_modulus(m)
       model%skeleton_modulus = max(model%skeleton_modulus, modulus)
       model%stiffest = max(model%stiffest, undrained)
     end do

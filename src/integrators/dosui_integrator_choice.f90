@@ -99,14 +99,9 @@ contains
     diffusion = 0.0_wp   ! largest k K_w/(gamma_w n)
     do k = 1, size(scene%material)
       associate (material => scene%material(k))
-        density = (1.0_wp - material%porosity)*material%solid_density
-        if (scene%water_mode /= 'none') density = density + material%porosity*scene%water%density
-        water = 0.0_wp
-        if (scene%water_mode /= 'none') then
-          water = scene%water%bulk_modulus/material%porosity
-          diffusion = max(diffusion, material%hydraulic_conductivity*water/ &
-                          scene%water%unit_weight)
-        end if
+        density = scene%mixture_density(k)
+        water = scene%water_modulus(k)
+        diffusion = max(diffusion, material%hydraulic_conductivity*water/scene%water%unit_weight)
         if (material%rigid) cycle
         modulus = materials%item(k)%model%constrained_modulus()
         drained = max(drained, modulus/(density*scene%mechanics%density_scaling))

@@ -292,6 +292,8 @@ module dosui_scene
     type(probe_t), allocatable :: probe(:)
   contains
     procedure :: is_wall => scene_is_wall
+    procedure :: mixture_density => scene_mixture_density
+    procedure :: water_modulus => scene_water_modulus
   end type scene_t
 
 contains
@@ -314,6 +316,27 @@ contains
     factor = self%factor%at(time)
     if (allocated(self%formula)) factor = factor*self%expression%value([position, time])
   end function pattern_at
+
+  pure real(wp) function scene_mixture_density(self, material) result(density)
+    !! Grains and the water in all voids, per volume [kg/m3].
+    class(scene_t), intent(in) :: self
+    integer, intent(in) :: material   !! index
+
+    associate (soil => self%material(material))
+      density = (1.0_wp - soil%porosity)*soil%solid_density
+      if (self%water_mode /= 'none') density = density + soil%porosity*self%water%density
+    end associate
+  end function scene_mixture_density
+
+  pure real(wp) function scene_water_modulus(self, material) result(modulus)
+    !! K_w/n: what undrained water adds to a soil's moduli; 0 in dry scenes [Pa].
+    class(scene_t), intent(in) :: self
+    integer, intent(in) :: material   !! index
+
+    modulus = 0.0_wp
+    if (self%water_mode == 'none') return
+    modulus = self%water%bulk_modulus/self%material(material)%porosity
+  end function scene_water_modulus
 
   pure elemental logical function rigid_wall_is_rough(self) result(is_rough)
     !! Does what touches the wall stick to it?

@@ -185,26 +185,9 @@ contains
     real(wp), intent(in) :: position(:, :)                !! [m]
     integer, intent(inout) :: row_start(:)
     integer, allocatable, intent(inout) :: neighbour(:)
-    integer :: i, k, f, n, first
-    logical :: is_seen
 
-    n = 0
-    do i = 1, size(row_start) - 1
-      first = row_start(i)
-      row_start(i) = n + 1
-      do k = first, row_start(i + 1) - 1
-        is_seen = .true.
-        do f = 1, size(faces)
-          if (.not. is_seen) exit
-          is_seen = .not. faces(f)%is_crossed(row_position(:, i), position(:, neighbour(k)))
-        end do
-        if (.not. is_seen) cycle
-        n = n + 1
-        neighbour(n) = neighbour(k)
-      end do
-    end do
-    row_start(size(row_start)) = n + 1
-    neighbour = neighbour(:n)
+    call cut_points(faces, spread(0, 1, size(position, 2)), row_position, position, position, &
+                    row_start, neighbour)
   end subroutine cut_neighbours
 
   subroutine cut_points(faces, face_of_point, row_position, position, normal, row_start, neighbour)
@@ -213,7 +196,8 @@ contains
     type(barrier_face_t), intent(in) :: faces(:)
     integer, intent(in) :: face_of_point(:)               !! 0: an outer surface's
     real(wp), intent(in) :: row_position(:, :)            !! of particles [m]
-    real(wp), intent(in) :: position(:, :), normal(:, :)  !! of boundary points [m], [-]
+    real(wp), intent(in) :: position(:, :)                !! of boundary points [m]
+    real(wp), intent(in) :: normal(:, :)                  !! of barriers' own points [-]
     integer, intent(inout) :: row_start(:)
     integer, allocatable, intent(inout) :: neighbour(:)
     integer :: i, k, f, n, first, own

@@ -63,7 +63,7 @@ contains
     type(surface_handles_t), intent(in) :: handles
     logical, intent(inout) :: touched(:)
     integer(i8) :: total, k, first, last
-    integer :: i, s
+    integer :: s
     real(wp) :: spacing, x(ndim), normal(ndim), area
 
     spacing = region_spacing(scene, scene%region(r))
@@ -76,20 +76,39 @@ contains
       if (is_interior(scene, r, x + probe_depth*spacing*normal)) cycle
       s = surface_of(scene, r, face, x)
       if (s > 0) touched(s) = .true.
-      i = points%count + 1
-      call points%resize(i)
-      points%id(i) = id + k
-      points%field(handles%position)%values(:, i) = x
-      points%field(handles%normal)%values(:, i) = normal
-      points%field(handles%area)%values(1, i) = area
-      points%field(handles%surface)%values(1, i) = real(s, wp)
-      points%field(handles%patch)%values(1, i) = real(first_patch + s, wp)
-      if (handles%has_head > 0) points%field(handles%has_head)%values(1, i) = 0.0_wp
-      if (handles%material > 0) points%field(handles%material)%values(1, i) = &
-        real(findloc(scene%material%name == scene%region(r)%material, .true., dim=1), wp)
+      call add_point(scene, r, id + k, x, normal, area, s, first_patch + s, points, handles)
     end do
     id = id + total
   end subroutine seed_face
+
+  subroutine add_point(scene, region, id, position, normal, area, surface, patch, points, handles)
+    !! One more boundary point.
+    type(scene_t), intent(in) :: scene
+    integer, intent(in) :: region              !! whose material it bounds
+    integer(i8), intent(in) :: id
+    real(wp), intent(in) :: position(ndim)     !! [m]
+    real(wp), intent(in) :: normal(ndim)       !! outward [-]
+    real(wp), intent(in) :: area               !! [m2]
+    integer, intent(in) :: surface             !! 0: unnamed, < 0: of a barrier
+    integer, intent(in) :: patch
+    type(point_set_t), intent(inout) :: points
+    type(surface_handles_t), intent(in) :: handles
+    integer :: i
+
+    i = points%count + 1
+    call points%resize(i)
+    points%id(i) = id
+    associate (field => points%field)
+      field(handles%position)%values(:, i) = position
+      field(handles%normal)%values(:, i) = normal
+      field(handles%area)%values(1, i) = area
+      field(handles%surface)%values(1, i) = real(surface, wp)
+      field(handles%patch)%values(1, i) = real(patch, wp)
+      if (handles%has_head > 0) field(handles%has_head)%values(1, i) = 0.0_wp
+      if (handles%material > 0) field(handles%material)%values(1, i) = &
+        real(findloc(scene%material%name == scene%region(region)%material, .true., dim=1), wp)
+    end associate
+  end subroutine add_point
 
   subroutine seed_barriers(comm, scene, last_patch, last_id, points, handles)
     !! This rank's share of the two sides of barriers, as far as they lie in regions.
@@ -102,7 +121,7 @@ contains
     type(barrier_face_t), allocatable :: faces(:)
     real(wp) :: x(ndim), spacing
     integer(i8) :: id
-    integer :: f, k, r, side, i
+    integer :: f, k, r, side
 
     spacing = minval([(region_spacing(scene, scene%region(r)), r=1, size(scene%region))])
     faces = barrier_faces(scene%barrier, spacing)
@@ -116,17 +135,9 @@ contains
           if (.not. faces(f)%contains(x)) cycle
           r = region_at(scene, x)
           if (r == 0) cycle
-          i = points%count + 1
-          call points%resize(i)
-          points%id(i) = id
-          points%field(handles%position)%values(:, i) = x
-          points%field(handles%normal)%values(:, i) = real(side, wp)*faces(f)%normal
-          points%field(handles%area)%values(1, i) = product(faces(f)%piece(:max(1, ndim - 1)))
-          points%field(handles%surface)%values(1, i) = -real(f, wp)
-          points%field(handles%patch)%values(1, i) = real(last_patch + 2*f + max(side, 0), wp)
-          if (handles%has_head > 0) points%field(handles%has_head)%values(1, i) = 0.0_wp
-          if (handles%material > 0) points%field(handles%material)%values(1, i) = &
-            real(findloc(scene%material%name == scene%region(r)%material, .true., dim=1), wp)
+          call add_point(scene, r, id, x, real(side, wp)*faces(f)%normal, &
+                         product(faces(f)%piece(:max(1, ndim - 1))), -f, &
+                         last_patch + 2*f + max(side, 0), points, handles)
         end do
       end do
     end do

@@ -222,10 +222,7 @@ contains
     first = particles%count + 1
     last = particles%count + size(id)
     call particles%resize(last)
-    density = (1.0_wp - scene%material(m)%porosity)*scene%material(m)%solid_density
-    if (handles%pore_pressure > 0) then
-      density = density + scene%material(m)%porosity*scene%water%density
-    end if
+    density = scene%mixture_density(m)
     particles%id(first:last) = id
     associate (field => particles%field)
       field(handles%position)%values(:, first:last) = position

@@ -21,6 +21,12 @@ module dosui_scene
     procedure :: integral => table_integral
   end type table_t
 
+  type, public :: hole_t
+    !! A polygon that is cut out of a region (2-D).
+    character(len=name_length) :: region = ''
+    real(wp), allocatable :: vertices(:, :)   !! (ndim, n) corners, clockwise once checked [m]
+  end type hole_t
+
   type, public :: region_t
     !! A shape filled with particles of one material on a regular lattice.
     character(len=name_length) :: name = ''
@@ -42,6 +48,7 @@ module dosui_scene
     real(wp) :: lattice_angle = 0.0_wp   !! turn of the particle lattice, x towards z [deg]
     real(wp) :: pivot(ndim) = 0.0_wp                 !! centre of both turns [m]
     real(wp) :: velocity(ndim) = 0.0_wp              !! initial velocity [m/s]
+    type(hole_t), allocatable :: hole(:)             !! that are cut out of it
     real(wp) :: spin = 0.0_wp   !! initial angular velocity about pivot, x towards z [rad/s]
   end type region_t
 
@@ -287,6 +294,7 @@ module dosui_scene
     type(surface_t), allocatable :: surface(:)
     type(mechanical_condition_t), allocatable :: mechanical_condition(:)
     type(hydraulic_condition_t), allocatable :: hydraulic_condition(:)
+    type(hole_t), allocatable :: hole(:)             !! regions have copies of their own
     type(barrier_t), allocatable :: barrier(:)
     type(rigid_wall_t), allocatable :: rigid_wall(:)
     type(probe_t), allocatable :: probe(:)

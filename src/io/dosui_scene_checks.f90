@@ -5,6 +5,7 @@ module dosui_scene_checks
   use dosui_expression, only: expression_t
   use dosui_namelist, only: namelist_t
   use dosui_problems, only: problems_t
+  use dosui_shapes, only: shape_contains
   use dosui_scene, only: axis_name, pattern_t, region_t, scene_t, table_t, name_length
   use dosui_scene_keys, only: group_size
   use dosui_text, only: nearest_name, to_text
@@ -41,6 +42,7 @@ contains
     call check_times(checker, scene)
     call check_domain(checker, scene)
     call check_regions(checker, scene)
+    call check_holes(checker, scene)
     call check_surfaces(checker, scene)
     call check_states(checker, scene)
     call check_conditions(checker, scene)
@@ -296,6 +298,65 @@ contains
     end do
   end subroutine check_regions
 
+  subroutine check_holes(checker, scene)
+    !! Holes that lie in their regions, which get copies with clockwise corners.
+    type(checker_t), intent(inout) :: checker
+    type(scene_t), intent(inout) :: scene
+    integer :: k, n, r
+
+    do r = 1, size(scene%region)
+      allocate (scene%region(r)%hole(0))
+    end do
+    do k = 1, group_size(scene, 'hole')
+      if (ndim /= 2) then
+        call checker%complain('hole', k, '', 'needs a scene in 2-D')
+        cycle
+      end if
+      r = findloc(scene%region%name == scene%hole(k)%region, .true., dim=1)
+      if (r == 0) then
+        if (scene%hole(k)%region /= '') call checker%complain('hole', k, 'region', &
+                                                              'no &region is called so')
+        cycle
+      end if
+      if (.not. allocated(scene%hole(k)%vertices)) cycle
+      n = size(scene%hole(k)%vertices, 2)
+      if (n < 3) then
+        call checker%complain('hole', k, 'vertices', 'a polygon needs at least 3 corners')
+      else if (.not. is_simple(scene%hole(k)%vertices)) then
+        call checker%complain('hole', k, 'vertices', &
+                              'the polygon crosses or touches itself, or two corners coincide')
+      else
+        if (polygon_area(scene%hole(k)%vertices) > 0.0_wp) then
+          scene%hole(k)%vertices(:, 2:n) = scene%hole(k)%vertices(:, n:2:-1)
+        end if
+        if (.not. scene%region(r)%shape == '') then
+          if (.not. lies_within(scene%region(r), scene%hole(k)%vertices)) then
+            call checker%complain('hole', k, 'vertices', 'a corner lies outside the region or '// &
+                                  'in an earlier hole')
+            cycle
+          end if
+        end if
+        scene%region(r)%hole = [scene%region(r)%hole, scene%hole(k)]
+      end if
+    end do
+  end subroutine check_holes
+
+  pure logical function lies_within(region, vertices) result(within)
+    !! Do all corners lie in the region, as it is before turning?
+    type(region_t), intent(in) :: region
+    real(wp), intent(in) :: vertices(:, :)   !! (ndim, n) [m]
+    type(region_t) :: unturned
+    integer :: k
+
+    within = .true.
+    if (region%shape == 'polygon' .and. .not. allocated(region%vertices)) return
+    unturned = region
+    unturned%shape_angle = 0.0_wp
+    do k = 1, size(vertices, 2)
+      within = within .and. shape_contains(unturned, vertices(:, k), 0.0_wp)
+    end do
+  end function lies_within
+
   subroutine check_cuts(checker, region, r)
     !! Cuts that leave a part of the circle or sphere.
     type(checker_t), intent(inout) :: checker
@@ -457,6 +518,11 @@ contains
       do k = 1, ndim
         faces(2*k - 1) = axes(merge(3, k, k == ndim))//'-'
         faces(2*k) = axes(merge(3, k, k == ndim))//'+'
+      end do
+    end if
+    if (allocated(scene%region(r)%hole)) then
+      do k = 1, size(scene%region(r)%hole)
+        faces = [character(len=name_length) :: 'hole'//to_text(k), faces]
       end do
     end if
     faces(size(faces)) = 'all'

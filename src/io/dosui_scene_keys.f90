@@ -9,7 +9,7 @@ module dosui_scene_keys
   use dosui_dimension, only: ndim, axis
   use dosui_scene, only: scene_t, region_t, material_t, water_t, mechanics_t, initial_state_t, &
                          surface_t, mechanical_condition_t, hydraulic_condition_t, probe_t, &
-                         barrier_t, base_motion_t, rigid_wall_t, &
+                         barrier_t, base_motion_t, hole_t, rigid_wall_t, &
                          solver_t, source_t, time_t, output_t, verification_t, table_t, &
                          axis_name, name_length
   use dosui_text, only: to_text
@@ -146,7 +146,7 @@ contains
     !! All groups in the order in which a scene is best written.
     type(group_t), allocatable :: groups(:)
 
-    allocate (groups(19))
+    allocate (groups(20))
     groups(1) = group_t('scene', 'What is computed, and how.', .true., .false.)
     groups(2) = group_t('grid', 'The background grid and the domain. Memory and time follow '// &
                         'the particles: a large domain costs nothing.', .true., .false.)
@@ -157,32 +157,33 @@ contains
     groups(6) = group_t('mechanics', 'How the skeleton''s motion is computed.', .false., .false.)
     groups(7) = group_t('region', 'A shape filled with particles of one material on a regular '// &
                         'lattice.', .true., .true.)
-    groups(8) = group_t('initial_state', 'Pore pressure, effective stress and velocity at t = '// &
+    groups(8) = group_t('hole', 'A polygon that is cut out of a region. 2-D only.', .false., .true.)
+    groups(9) = group_t('initial_state', 'Pore pressure, effective stress and velocity at t = '// &
                         '0; later groups override earlier ones. Without it everything is zero.', &
                         .false., .true.)
-    groups(9) = group_t('surface', 'A named part of the boundary of a region, for conditions '// &
-                        'and probes. A point of the boundary belongs to the last surface that '// &
-                        'selects it.', .false., .true.)
-    groups(10) = group_t('mechanical_condition', 'Walls and loads on a surface. Surfaces '// &
+    groups(10) = group_t('surface', 'A named part of the boundary of a region, for conditions '// &
+                         'and probes. A point of the boundary belongs to the last surface that '// &
+                         'selects it.', .false., .true.)
+    groups(11) = group_t('mechanical_condition', 'Walls and loads on a surface. Surfaces '// &
                          'without one are free of traction.', .false., .true.)
-    groups(11) = group_t('hydraulic_condition', 'Head, pressure or flux on a surface. Surfaces '// &
+    groups(12) = group_t('hydraulic_condition', 'Head, pressure or flux on a surface. Surfaces '// &
                          'without one let no water through.', .false., .true.)
-    groups(12) = group_t('barrier', 'An interior surface that water does not pass, a sheet '// &
+    groups(13) = group_t('barrier', 'An interior surface that water does not pass, a sheet '// &
                          'pile say: particles do not see each other through it. It has no '// &
                          'stiffness.', .false., .true.)
-    groups(13) = group_t('rigid_wall', 'A rigid half-space outside all bodies: they may meet '// &
+    groups(14) = group_t('rigid_wall', 'A rigid half-space outside all bodies: they may meet '// &
                          'it, slide on it and leave it. Explicit steps only.', .false., .true.)
-    groups(14) = group_t('source', 'Body forces and water sources as formulas of x, y, z and t '// &
+    groups(15) = group_t('source', 'Body forces and water sources as formulas of x, y, z and t '// &
                          '(those of the dimension), with + - * / ^, pi, sin cos tan atan exp '// &
                          'log sqrt abs sinh cosh tanh step min max.', .false., .false.)
-    groups(15) = group_t('base_motion', 'Shaking of the base: the scene is computed in a frame '// &
+    groups(16) = group_t('base_motion', 'Shaking of the base: the scene is computed in a frame '// &
                          'that moves with it, so displacements and velocities are relative.', &
                          .false., .false.)
-    groups(16) = group_t('probe', 'A value whose history is written to the result file.', &
+    groups(17) = group_t('probe', 'A value whose history is written to the result file.', &
                          .false., .true.)
-    groups(17) = group_t('solver', 'Linear systems of the implicit integrators.', .false., .false.)
-    groups(18) = group_t('output', 'Names and intervals of the files.', .false., .false.)
-    groups(19) = group_t('verification', 'The exact solution that `dosui-post verify` compares '// &
+    groups(18) = group_t('solver', 'Linear systems of the implicit integrators.', .false., .false.)
+    groups(19) = group_t('output', 'Names and intervals of the files.', .false., .false.)
+    groups(20) = group_t('verification', 'The exact solution that `dosui-post verify` compares '// &
                          'with.', .false., .false.)
   end function scene_groups
 
@@ -204,6 +205,9 @@ contains
       n = size(scene%mechanical_condition)
     case ('hydraulic_condition')
       n = size(scene%hydraulic_condition)
+    case ('hole')
+      n = 0
+      if (allocated(scene%hole)) n = size(scene%hole)
     case ('barrier')
       n = 0
       if (allocated(scene%barrier)) n = size(scene%barrier)
@@ -242,6 +246,9 @@ contains
     case ('hydraulic_condition')
       if (allocated(scene%hydraulic_condition)) deallocate (scene%hydraulic_condition)
       allocate (scene%hydraulic_condition(n))
+    case ('hole')
+      if (allocated(scene%hole)) deallocate (scene%hole)
+      allocate (scene%hole(n))
     case ('barrier')
       if (allocated(scene%barrier)) deallocate (scene%barrier)
       allocate (scene%barrier(n))
@@ -285,6 +292,8 @@ contains
       call visit_mechanical_condition(visitor, scene%mechanical_condition(instance))
     case ('hydraulic_condition')
       call visit_hydraulic_condition(visitor, scene%hydraulic_condition(instance))
+    case ('hole')
+      call visit_hole(visitor, scene%hole(instance))
     case ('barrier')
       call visit_barrier(visitor, scene%barrier(instance))
     case ('rigid_wall')
@@ -826,6 +835,19 @@ contains
                     'of factor_times and factor_values; # begins a comment', longest=1000))
     call visit_formula(v, motion%pattern%formula, '', .true.)
   end subroutine visit_base_motion
+
+  subroutine visit_hole(v, hole)
+    !! Keys of &hole.
+    class(key_visitor_t), intent(inout) :: v
+    type(hole_t), intent(inout) :: hole
+
+    call v%name(hole%region, key('region', 'name of the &region that it is cut out of; it '// &
+                                 'turns with it', required=.true.))
+    call v%points(hole%vertices, &
+                  key('vertices', 'corners x1, z1, x2, z2, ... of a simple polygon within the '// &
+                      'region; its edges are the face hole1 of the region, those of the '// &
+                      'region''s next hole hole2, ...', unit='m', required=.true.))
+  end subroutine visit_hole
 
   subroutine visit_barrier(v, barrier)
     !! Keys of &barrier.

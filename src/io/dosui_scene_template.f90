@@ -170,6 +170,7 @@ contains
       call allocate_group(scene, groups(g)%name, 1)
     end do
     call allocate_group(scene, 'initial_state', 0)
+    call allocate_group(scene, 'hole', 0)
     call allocate_group(scene, 'barrier', 0)
     call allocate_group(scene, 'rigid_wall', 0)
     scene%title = 'Terzaghi consolidation of a column'

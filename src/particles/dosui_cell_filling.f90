@@ -128,10 +128,26 @@ contains
     real(wp), intent(in) :: corner(ndim), spacing
     type(filling_t) :: part
     real(wp), allocatable :: outline(:, :)
+    integer :: k
+
+    call shape_outline(region, level, corner, spacing, outline)
+    call add_outline(1.0_wp, outline, part)
+    if (.not. allocated(region%hole)) return
+    do k = 1, size(region%hole)
+      outline = region%hole(k)%vertices([1, ndim], :)
+      call place_outline(region, corner, spacing, outline)
+      call add_outline(-1.0_wp, outline, part)
+    end do
+  end function section_filling
+
+  pure subroutine add_outline(factor, outline, part)
+    !! Adds what an outline encloses of the unit square.
+    real(wp), intent(in) :: factor           !! -1 takes it away
+    real(wp), allocatable, intent(inout) :: outline(:, :)   !! counter-clockwise; is clipped
+    type(filling_t), intent(inout) :: part
     real(wp) :: cross, x0, z0, x1, z1
     integer :: k, n, side
 
-    call shape_outline(region, level, corner, spacing, outline)
     do side = 1, 4
       call clip(side, outline)
     end do
@@ -141,14 +157,14 @@ contains
       z0 = outline(2, k)
       x1 = outline(1, mod(k, n) + 1)
       z1 = outline(2, mod(k, n) + 1)
-      cross = x0*z1 - x1*z0
+      cross = factor*(x0*z1 - x1*z0)
       part%volume = part%volume + 0.5_wp*cross
       part%moment(1) = part%moment(1) + cross*(x0 + x1)/6.0_wp
       part%moment(ndim) = part%moment(ndim) + cross*(z0 + z1)/6.0_wp
       part%mixed(middle) = part%mixed(middle) + &
                            cross*(2.0_wp*x0*z0 + x0*z1 + x1*z0 + 2.0_wp*x1*z1)/24.0_wp
     end do
-  end function section_filling
+  end subroutine add_outline
 
   pure subroutine shape_outline(region, level, corner, spacing, outline)
     !! Corners of the shape's x-z section, counter-clockwise, in the cell's local coordinates.
@@ -156,8 +172,6 @@ contains
     real(wp), intent(in) :: level
     real(wp), intent(in) :: corner(ndim), spacing
     real(wp), allocatable, intent(out) :: outline(:, :)
-    real(wp) :: point(ndim), area
-    integer :: k, n
 
     if (region%shape == 'circle' .or. region%shape == 'sphere') then
       call round_outline(region, level, corner, spacing, outline)
@@ -169,6 +183,18 @@ contains
       outline(2, :) = [region%box_min(ndim), region%box_min(ndim), region%box_max(ndim), &
                        region%box_max(ndim)]
     end if
+    call place_outline(region, corner, spacing, outline)
+  end subroutine shape_outline
+
+  pure subroutine place_outline(region, corner, spacing, outline)
+    !! Turns an outline with its region and puts it into the cell's local coordinates,
+    !! counter-clockwise.
+    type(region_t), intent(in) :: region
+    real(wp), intent(in) :: corner(ndim), spacing
+    real(wp), allocatable, intent(inout) :: outline(:, :)
+    real(wp) :: point(ndim), area
+    integer :: k, n
+
     n = size(outline, 2)
     do k = 1, n
       point = 0.0_wp
@@ -183,7 +209,7 @@ contains
              outline(1, mod(k, n) + 1)*outline(2, k)
     end do
     if (area < 0.0_wp) outline = outline(:, n:1:-1)
-  end subroutine shape_outline
+  end subroutine place_outline
 
   pure subroutine round_outline(region, level, corner, spacing, outline)
     !! Section of a circle or sphere within its cuts, before turning: a polygon of equal area, fine

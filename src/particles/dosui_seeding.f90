@@ -46,12 +46,15 @@ contains
     real(wp), intent(in) :: spacing   !! [m]
     type(lattice_t) :: lattice
     real(wp) :: extent(ndim), low(ndim), high(ndim)
+    logical :: follows   ! with a whole number of points along its sides
 
     lattice%pivot = region%pivot
     lattice%angle = region%lattice_angle
     lattice%fills_shape = region%shape == 'box' .and. &
                           abs(region%lattice_angle - region%shape_angle) < 1.0e-12_wp
-    if (lattice%fills_shape) then
+    follows = lattice%fills_shape
+    if (allocated(region%hole)) lattice%fills_shape = follows .and. size(region%hole) == 0
+    if (follows) then
       extent = region%box_max - region%box_min
       lattice%n = nint(extent/spacing)
       lattice%step = extent/real(max(1, lattice%n), wp)

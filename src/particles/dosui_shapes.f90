@@ -97,6 +97,7 @@ contains
     real(wp), intent(in) :: position(ndim)   !! [m]
     real(wp), intent(in) :: margin           !! may be negative [m]
     real(wp) :: local(ndim)
+    integer :: k
 
     local = region%pivot + turned(position - region%pivot, -region%shape_angle)
     if (region%shape == 'polygon') then
@@ -110,6 +111,18 @@ contains
     else
       inside = all(local >= region%box_min + margin .and. local <= region%box_max - margin)
     end if
+    if (.not. inside .or. .not. allocated(region%hole)) return
+    do k = 1, size(region%hole)
+      associate (vertices => region%hole(k)%vertices)
+        if (abs(margin) > 0.0_wp) then
+          if (distance_to_edges(vertices, local) < abs(margin)) then
+            inside = inside .and. margin < 0.0_wp
+            cycle
+          end if
+        end if
+        inside = inside .and. .not. inside_polygon(vertices, local)
+      end associate
+    end do
   end function shape_contains
 
   pure logical function inside_polygon(vertices, position) result(inside)
@@ -151,23 +164,35 @@ contains
   pure real(wp) function shape_measure(region) result(measure)
     !! Volume of the shape [m3; m2 in 2-D, m in 1-D].
     type(region_t), intent(in) :: region
-    integer :: k, n, next
+    integer :: k
 
     if (is_round(region)) then
       measure = round_measure(region)
     else if (region%shape == 'polygon') then
-      measure = 0.0_wp
-      n = size(region%vertices, 2)
-      do k = 1, n
-        next = modulo(k, n) + 1
-        measure = measure + 0.5_wp*(region%vertices(1, k)*region%vertices(ndim, next) - &
-                                    region%vertices(1, next)*region%vertices(ndim, k))
-      end do
-      measure = abs(measure)
+      measure = polygon_measure(region%vertices)
     else
       measure = product(region%box_max - region%box_min)
     end if
+    if (.not. allocated(region%hole)) return
+    do k = 1, size(region%hole)
+      measure = measure - polygon_measure(region%hole(k)%vertices)
+    end do
   end function shape_measure
+
+  pure real(wp) function polygon_measure(vertices) result(measure)
+    !! Area of a polygon [m2].
+    real(wp), intent(in) :: vertices(:, :)   !! (ndim, n) [m]
+    integer :: k, n, next
+
+    measure = 0.0_wp
+    n = size(vertices, 2)
+    do k = 1, n
+      next = modulo(k, n) + 1
+      measure = measure + 0.5_wp*(vertices(1, k)*vertices(ndim, next) - &
+                                  vertices(1, next)*vertices(ndim, k))
+    end do
+    measure = abs(measure)
+  end function polygon_measure
 
   pure real(wp) function round_measure(region) result(measure)
     !! Of a circle or sphere within its cuts: exact in 2-D, and in 3-D when the cuts go through the
@@ -264,15 +289,25 @@ contains
   pure function shape_faces(region) result(faces)
     !! All faces of a region, turned with it.
     type(region_t), intent(in) :: region
-    type(face_t), allocatable :: faces(:)
+    type(face_t), allocatable :: faces(:), edges(:)
     integer :: k
 
     if (region%shape == 'polygon') then
-      faces = polygon_faces(region)
+      faces = polygon_faces(region%vertices)
+      do k = 1, size(faces)
+        faces(k)%name = 'edge'//to_text(k)
+      end do
     else if (is_round(region)) then
       faces = round_faces(region)
     else
       faces = box_faces(region%box_min, region%box_max)
+    end if
+    if (allocated(region%hole)) then
+      do k = 1, size(region%hole)
+        edges = polygon_faces(region%hole(k)%vertices)
+        edges%name = 'hole'//to_text(k)
+        faces = [faces, edges]
+      end do
     end if
     do k = 1, size(faces)
       faces(k)%angle = region%shape_angle
@@ -348,18 +383,18 @@ contains
     end do
   end function box_faces
 
-  pure function polygon_faces(region) result(faces)
-    !! One face an edge of an unturned counter-clockwise polygon (2-D).
-    type(region_t), intent(in) :: region
+  pure function polygon_faces(vertices) result(faces)
+    !! One nameless face an edge of an unturned counter-clockwise polygon (2-D); the corners of
+    !! holes are clockwise, so that their normals point into them.
+    real(wp), intent(in) :: vertices(:, :)   !! (ndim, n) [m]
     type(face_t), allocatable :: faces(:)
     integer :: k, n
 
-    n = size(region%vertices, 2)
+    n = size(vertices, 2)
     allocate (faces(n))
     do k = 1, n
-      faces(k)%name = 'edge'//to_text(k)
-      faces(k)%corner = region%vertices(:, k)
-      faces(k)%edge(:, 1) = region%vertices(:, modulo(k, n) + 1) - region%vertices(:, k)
+      faces(k)%corner = vertices(:, k)
+      faces(k)%edge(:, 1) = vertices(:, modulo(k, n) + 1) - vertices(:, k)
       faces(k)%normal(1) = faces(k)%edge(ndim, 1)
       faces(k)%normal(ndim) = -faces(k)%edge(1, 1)
       faces(k)%normal = faces(k)%normal/norm2(faces(k)%normal)

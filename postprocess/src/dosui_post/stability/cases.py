@@ -72,6 +72,13 @@ CASES: tuple[Case, ...] = (
         checks.faded,
     ),
     Case(
+        "island",
+        "Heads all round a box, lattice turned by 15°",
+        "heads within theirs (1 %)",
+        scenes.island,
+        checks.between,
+    ),
+    Case(
         "cyclic",
         "30 cycles of load",
         "pressure within the load",

@@ -56,6 +56,13 @@ def faded(evidence: Evidence) -> list[Quantity]:
     return [Quantity("rms left", float(left), 0.02)]
 
 
+def between(evidence: Evidence) -> list[Quantity]:
+    """Heads between those of the start and the shore's."""
+    head = evidence.result.field("head", -1)
+    beyond = max(float(head.max()) - 1.0, -float(head.min()), 0.0)
+    return [Quantity("head outside 0…1 m", _finite(head, beyond), 0.01)]
+
+
 def lid(evidence: Evidence) -> list[Quantity]:
     """Above a seam water has drained, below it has not yet; nothing outside 0 to u_0."""
     pressure = _pressure(evidence.result) / scenes.Column().solution.initial_pressure

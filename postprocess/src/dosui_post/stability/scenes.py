@@ -208,6 +208,23 @@ def checkerboard(method: Method) -> str | None:
 """
 
 
+def island(method: Method) -> str | None:
+    """A rigid box on a lattice that is turned against it, water at its faces rises at once."""
+    if method.integrator == "semi_implicit":
+        return None
+    return f"""&scene dimension = 2 integrator = '{method.integrator}' /
+&grid spacing = 0.1 /
+&time end_time = 0.02 /
+&material name = 'soil' rigid = .true. porosity = {POROSITY} hydraulic_conductivity = 1.0e-5 /
+&water bulk_modulus = 2.2e9 {keys_of(method)} /
+&region name = 'body' material = 'soil' box_min = 0.0, 0.0 box_max = 2.0, 2.0
+  shape_angle = 20.0 lattice_angle = 5.0 jitter = 0.1 /
+&surface name = 'shore' region = 'body' face = 'all' /
+&hydraulic_condition surface = 'shore' kind = 'head' value = 1.0 /
+&output name = 'result' /
+"""
+
+
 def checkerboard_time() -> float:
     """Two spacings squared over the diffusivity [s]."""
     return 2 * 0.05**2 / (1.0e-4 / GAMMA * 3.0e6 / POROSITY)

@@ -14,7 +14,7 @@ module dosui_shape_functions
   implicit none
   private
 
-  public :: shape_kind_of, shape_width, shape_shift, shape_weights
+  public :: corner_hats, shape_kind_of, shape_width, shape_shift, shape_weights
   public :: group_count, patch_offsets, patch_weights
 
   integer, parameter, public :: shape_linear = 1    !! hats
@@ -37,6 +37,20 @@ module dosui_shape_functions
   integer, parameter :: wide(n_wide, ndim) = base_three(1:n_wide, 1:ndim)
 
 contains
+
+  pure function corner_hats(local) result(weight)
+    !! Hats of a cell's corners, x fastest.
+    real(wp), intent(in) :: local(ndim)   !! coordinates in the cell, 0 to 1
+    real(wp) :: weight(2**ndim)
+    integer :: corner, d
+
+    do corner = 1, 2**ndim
+      weight(corner) = 1.0_wp
+      do d = 1, ndim
+        weight(corner) = weight(corner)*merge(local(d), 1.0_wp - local(d), btest(corner - 1, d - 1))
+      end do
+    end do
+  end function corner_hats
 
   pure integer function shape_kind_of(name) result(kind)
     !! Kind of the shape functions with this name in a scene, 0 for an unknown name.

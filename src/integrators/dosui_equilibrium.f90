@@ -44,7 +44,8 @@ contains
     type(error_t), intent(inout) :: err
     type(material_set_t) :: soils, elastic
     real(wp), allocatable :: residual(:, :), stress(:, :)
-    real(wp) :: first, norm, weight
+    real(wp) :: first, start, norm   ! residuals: the first of all and of an elastic solution, now
+    real(wp) :: scale                ! of the weight
     integer :: k
 
     first = -1.0_wp
@@ -57,20 +58,20 @@ contains
     allocate (residual(ndim, model%grid%n_node))
     stress = model%particles%field(model%p%effective_stress)%values
     call take_strains(model, elastic, stress, err)   ! none yet: back to the yield surface
+    scale = norm2(model%scene%gravity)*sqrt(model%comm%sum(sum( &
+                            model%particles%field(model%p%mass)%values(1, :model%particles%count))))
     do k = 1, correction_limit
       call model%comm%agree(err)
       if (err%failed()) return
       model%relaxing = .true.
       call find_residual(model, residual, norm)
       model%relaxing = .false.
-      weight = max(norm2(model%scene%gravity)*sqrt(model%comm%sum(sum( &
-                    model%particles%field(model%p%mass)%values(1, :model%particles%count)))), first)
-      if (k == 1) first = norm
-      if (norm <= balanced*max(weight, first)) return
+      if (first < 0.0_wp) first = norm
+      if (norm <= balanced*max(scale, first)) return
       stress = model%particles%field(model%p%effective_stress)%values
       model%materials = elastic
-      weight = -1.0_wp
-      call find_equilibrium(model, correction, n_iteration, weight, err, water_held=.true.)
+      start = -1.0_wp
+      call find_equilibrium(model, correction, n_iteration, start, err, water_held=.true.)
       model%materials = soils
       if (err%failed()) return
       call take_strains(model, elastic, stress, err)

@@ -497,17 +497,21 @@ contains
     type(model_t), intent(inout) :: model
     real(wp), intent(out) :: sums(:, :)   !! (weight, strain, rotation; n_node)
     real(wp), allocatable :: cell_sums(:, :)
-    logical, allocatable :: is_near(:)
+    logical, allocatable :: is_near(:), is_wanted(:)   ! nodes of the surface's cells; their cells
     integer :: c, k, p
 
     allocate (is_near(model%grid%n_node), source=.false.)
     do p = 1, model%surface%count
      if (model%surface_cell(p) > 0) is_near(model%grid%cell_node(:, model%surface_cell(p))) = .true.
     end do
+    allocate (is_wanted(model%grid%n_cell))
+    do c = 1, model%grid%n_cell
+      is_wanted(c) = any(is_near(model%grid%cell_node(:, c)))
+    end do
     allocate (cell_sums(size(sums, 1), model%grid%n_cell), source=0.0_wp)
     do p = 1, model%particles%count
       c = model%cell(p)
-      if (.not. any(is_near(model%grid%cell_node(:, c)))) cycle
+      if (.not. is_wanted(c)) cycle
       cell_sums(:, c) = cell_sums(:, c) + &
                         model%weight(p)*[1.0_wp, model%strain_increment(:, p), model%spin(:, p)]
     end do

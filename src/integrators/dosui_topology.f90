@@ -623,7 +623,7 @@ contains
     !! updated scenes they follow porosities and the particles' cells, step by step. Collective.
     type(model_t), intent(inout) :: model
     real(wp), allocatable :: compressibility(:), softness(:), cells(:, :), blocks(:, :), sums(:)
-    real(wp) :: tau_cell, tau_block, row_sum
+    real(wp) :: tau_cell, tau_block, row_sum, modulus
     logical :: plain   ! no projection
     integer :: n, p
 
@@ -632,17 +632,18 @@ contains
     associate (pressure => model%particles%field(model%p%pore_pressure)%values)
       compressibility = compressibility_at(model, pressure(1, 1:n))
     end associate
+    model%stiffest_now = 0.0_wp
     do p = 1, n
+      modulus = 0.0_wp
       softness(p) = 0.0_wp
       if (.not. model%rigid) then
-        softness(p) = 1.0_wp/model%materials%item(model%material(p))%model%constrained_modulus()
+        modulus = model%materials%item(model%material(p))%model%constrained_modulus()
+        softness(p) = 1.0_wp/modulus
+      end if
+      if (model%updated) then
+        model%stiffest_now = max(model%stiffest_now, modulus + 1.0_wp/compressibility(p))
       end if
     end do
-    model%stiffest_now = 0.0_wp
-    if (model%updated .and. n > 0) then
-      model%stiffest_now = maxval(1.0_wp/compressibility + &
-                               merge(1.0_wp, 0.0_wp, softness > 0.0_wp)/max(softness, tiny(1.0_wp)))
-    end if
     if (model%updated) model%stiffest_now = model%comm%maximum(model%stiffest_now)
     allocate (cells(1, model%grid%n_cell), blocks(1, model%grid%n_block))
     plain = model%rigid .or. model%scene%water%operator == 'two_pass'   ! it holds heads afterwards

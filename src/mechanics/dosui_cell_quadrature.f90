@@ -22,6 +22,7 @@ module dosui_cell_quadrature
   use dosui_cell_filling, only: cell_filling, filling_t
   use dosui_grid, only: grid_t
   use dosui_keys, only: pack_key
+  use dosui_shape_functions, only: corner_hats
   use dosui_scene, only: region_t
   use dosui_sort, only: binary_search
   implicit none
@@ -214,10 +215,9 @@ contains
     do p = 1, n
       if (cell(p) == 0) cycle
       local = (position(:, p) - grid%origin)/grid%spacing - grid%cell_base(:, cell(p))
-      do k = 1, 2**ndim
-        node = grid%cell_node(k, cell(p))
-        filling(1, node) = filling(1, node) + corner_weight(k, local)
-      end do
+      associate (node => grid%cell_node(:, cell(p)))
+        filling(1, node) = filling(1, node) + corner_hats(local)
+      end associate
     end do
     do c = 1, grid%n_cell
       if (.not. grid%cell_map%is_owned(c)) cycle
@@ -234,18 +234,6 @@ contains
                          least_share*filling(2, grid%cell_node(:, c)))
     end do
   end subroutine find_ragged
-
-  pure real(wp) function corner_weight(corner, local) result(weight)
-    !! The hat of a corner at local coordinates.
-    integer, intent(in) :: corner
-    real(wp), intent(in) :: local(ndim)   !! 0 to 1 in the cell
-    integer :: d
-
-    weight = 1.0_wp
-    do d = 1, ndim
-      weight = weight*merge(local(d), 1.0_wp - local(d), btest(corner - 1, d - 1))
-    end do
-  end function corner_weight
 
   pure subroutine hat_gradients(centroid, covariance, spacing, gradient)
     !! Mean gradients of the corner hats over a part of a cell, x fastest [1/m].

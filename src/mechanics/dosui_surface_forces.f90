@@ -13,6 +13,7 @@ module dosui_surface_forces
   use dosui_dimension, only: ndim, nsig, axis, voigt_slot
   use dosui_communicator, only: communicator_t
   use dosui_grid, only: grid_t
+  use dosui_shape_functions, only: corner_hats
   use dosui_scene, only: mechanical_condition_t
   implicit none
   private
@@ -161,16 +162,9 @@ contains
     type(grid_t), intent(in) :: grid
     integer, intent(in) :: first_node        !! lowest corner of the cell
     real(wp) :: weight(2**ndim)
-    real(wp) :: local(ndim)
-    integer :: corner, d
 
-    local = (position - grid%origin)/grid%spacing - real(grid%node_index(:, first_node), wp)
-    do corner = 1, 2**ndim
-      weight(corner) = 1.0_wp
-      do d = 1, ndim
-        weight(corner) = weight(corner)*merge(local(d), 1.0_wp - local(d), btest(corner - 1, d - 1))
-      end do
-    end do
+    weight = corner_hats((position - grid%origin)/grid%spacing - &
+                         real(grid%node_index(:, first_node), wp))
   end function hat_weights
 
   pure subroutine keep_usable(node, usable, mass, total, weight)

@@ -10,7 +10,7 @@ import os
 from pathlib import Path
 
 import pytest
-from dosui_post.report.machine import program_at
+from dosui_post.report.machine import Program, program_at
 from dosui_post.stability.case import HELD, METHODS, NOT_MEANT, REFUSED, SLOW, Case, Method
 from dosui_post.stability.cases import CASES
 from dosui_post.stability.judge import judge
@@ -53,10 +53,16 @@ PAIRS = [
 ]
 
 
+@pytest.fixture(scope="module")
+def program() -> Program:
+    """dosui, asked for its version once."""
+    return program_at(BIN / "dosui")
+
+
 @pytest.mark.parametrize(("case", "method"), PAIRS)
-def test_default_method(case: Case, method: Method) -> None:
+def test_default_method(program: Program, case: Case, method: Method) -> None:
     """What must hold does, or dosui says beforehand why it cannot: refused, or too many steps."""
-    verdict = judge(case, method, program_at(BIN / "dosui"))
+    verdict = judge(case, method, program)
     wrong = [(q.name, q.value, q.limit) for q in verdict.quantities if not q.holds]
     assert verdict.state in (HELD, REFUSED, SLOW), (verdict.message, wrong)
     if verdict.state == SLOW:
@@ -64,10 +70,10 @@ def test_default_method(case: Case, method: Method) -> None:
 
 
 @pytest.mark.parametrize("name", ["plain", "jittered", "strip", "checkerboard"])
-def test_two_pass_recipe_is_no_default(name: str) -> None:
+def test_two_pass_recipe_is_no_default(program: Program, name: str) -> None:
     """What the record says against the published recipe: a check that cannot fail would hold."""
     case = next(case for case in CASES if case.name == name)
-    verdict = judge(case, METHODS[3], program_at(BIN / "dosui"))
+    verdict = judge(case, METHODS[3], program)
     assert verdict.state not in (HELD, NOT_MEANT)
 
 

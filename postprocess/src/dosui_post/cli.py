@@ -10,7 +10,6 @@ import argparse
 import math
 import os
 import shlex
-import shutil
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -161,13 +160,10 @@ def _report(options: argparse.Namespace) -> int:
 def _stability(options: argparse.Namespace) -> int:
     from dosui_post.stability.command import Request, record
 
-    found = options.program or shutil.which("dosui")
-    if found is None:
-        raise DosuiPostError("dosui is not on PATH: give --program PATH")
     return record(
         Request(
             output=options.output,
-            program=Path(found),
+            program=options.program,
             only=options.only,
             mpirun=tuple(shlex.split(options.mpirun)),
             page=options.page,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 import signal
 import sys
 import time
@@ -19,6 +18,7 @@ from dosui_post.report.kratos import measure_all as measure_kratos
 from dosui_post.report.machine import (
     Machine,
     Program,
+    find_program,
     program_at,
     stream_bandwidth,
     this_machine,
@@ -60,7 +60,7 @@ class Request:
 def report(request: Request) -> int:
     """Runs what is missing, writes tables, pictures and the page; returns the exit status."""
     jobs = selected(quick_matrix() if request.is_quick else full_matrix(), request.only)
-    program = program_at(_program_path(request), request.mpirun)
+    program = program_at(find_program(request.program), request.mpirun)
     store = Store(request.output / "runs.jsonl")
     print(program.version.splitlines()[0], flush=True)
     runs: list[Run] = []
@@ -84,15 +84,6 @@ def report(request: Request) -> int:
 
 
 # ---------------------------------------------------------------------- inside
-
-
-def _program_path(request: Request) -> Path:
-    if request.program is not None:
-        return request.program
-    found = shutil.which("dosui")
-    if found is None:
-        raise DosuiPostError("dosui is not on PATH: give --program PATH")
-    return Path(found)
 
 
 def _measured_machine(request: Request, program: Program, jobs: Sequence[Job]) -> Machine:

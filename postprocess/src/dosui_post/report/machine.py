@@ -6,6 +6,7 @@ import hashlib
 import os
 import platform
 import re
+import shutil
 import tempfile
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field
@@ -41,6 +42,14 @@ class Program:
     def identity(self) -> str:
         """Part of the key of a run."""
         return f"{self.version}\n{self.digest}"
+
+
+def find_program(path: Path | None) -> Path:
+    """The given program, or dosui on PATH."""
+    found = path or shutil.which("dosui")
+    if found is None:
+        raise DosuiPostError("dosui is not on PATH: give --program PATH")
+    return Path(found)
 
 
 def program_at(path: Path, mpirun: Sequence[str] = ("mpirun",)) -> Program:

@@ -9,7 +9,7 @@ from datetime import date
 from pathlib import Path
 
 from dosui_post.errors import DosuiPostError
-from dosui_post.report.machine import program_at, this_machine
+from dosui_post.report.machine import find_program, program_at, this_machine
 from dosui_post.stability.case import FAILED, METHODS, NOT_MEANT, STOPPED, Verdict
 from dosui_post.stability.cases import CASES
 from dosui_post.stability.figure import draw
@@ -24,7 +24,7 @@ class Request:
     """What the command line asks for."""
 
     output: Path
-    program: Path
+    program: Path | None = None
     only: str = ""
     mpirun: tuple[str, ...] = ("mpirun",)
     page: Path | None = None
@@ -37,7 +37,7 @@ def record(request: Request) -> int:
     cases = [case for case in CASES if re.search(request.only, case.name)]
     if not cases:
         raise DosuiPostError(f"no case is called '{request.only}' (--only)")
-    program = program_at(request.program, request.mpirun)
+    program = program_at(find_program(request.program), request.mpirun)
     print(program.version.splitlines()[0], flush=True)
     verdicts: list[Verdict] = []
     for case in cases:

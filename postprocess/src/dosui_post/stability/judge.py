@@ -35,7 +35,9 @@ def judge(case: Case, method: Method, program: Program) -> Verdict:
         return Verdict(case.name, method.name, NOT_MEANT)
     with tempfile.TemporaryDirectory(prefix="dosui_stability_") as name:
         folder = Path(name)
-        steps = _expected_steps(text, folder, program, case.limit)
+        steps = 0.0
+        if method.has_inertia:
+            steps = _expected_steps(text, folder, program, case.limit)
         if steps > _MOST_STEPS:
             return Verdict(case.name, method.name, SLOW, (), f"about {steps:.0e} steps, not run")
         outcome = _compute(text, case.ranks, folder / "run", program, case.limit)

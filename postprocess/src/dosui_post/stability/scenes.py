@@ -18,13 +18,23 @@ FACTORS = (0.05, 0.1, 0.2)  # c_v t/H2 of the outputs
 
 
 def keys_of(method: Method) -> str:
-    """&water and &mechanics beside the bulk modulus and the damping: (water, mechanics)."""
+    """Keys of &water that belong to the method."""
     return "operator = 'two_pass'" if method.is_two_pass else ""
 
 
 def transfer_of(method: Method) -> str:
     """Keys of &mechanics that belong to the method."""
     return "transfer = 'flip' average_volume_change = .false." if method.is_two_pass else ""
+
+
+def fading(method: Method) -> str:
+    """Damping of what the first load stirs up, where there is inertia."""
+    return "damping = 'fading'" if method.has_inertia else ""
+
+
+def undrained(method: Method) -> str:
+    """The start that quasi-static steps make by themselves."""
+    return "undrained_start = .true." if method.has_inertia else ""
 
 
 @dataclass(frozen=True)
@@ -37,13 +47,11 @@ class Column:
     conductivity: float = 1.0e-4  # m/s
     spacing: float = 0.05  # of the particles [m]
     per_cell: int = 2
-    width: float = WIDTH  # m
     angle: float = 0.0  # deg
     jitter: float = 0.0  # spacings
     factors: tuple[float, ...] = FACTORS
     time_step: float = 0.0  # s
     load_keys: str = ""
-    is_drained: bool = True
 
     @property
     def soil(self) -> Soil:
@@ -72,15 +80,13 @@ class Column:
         times = times or self.times
         control = f"time_step = {self.time_step!r}" if self.time_step else ""
         damping = ""
-        if method.has_inertia and starts:
-            control += " undrained_start = .true."
-            damping = "damping = 'fading'"
+        if starts:
+            control += f" {undrained(method)}"
+            damping = fading(method)
         sine, cosine = math.sin(math.radians(self.angle)), math.cos(math.radians(self.angle))
-        middle = 0.5 * self.width
+        middle = 0.5 * WIDTH
         drained = (middle * cosine - HEIGHT * sine, middle * sine + HEIGHT * cosine)
-        drain = "&hydraulic_condition surface = 'top' kind = 'head' value = 0.0 /"
-        if self.angle or not self.is_drained:
-            drain = drain.replace("'head'", "'pressure'") if self.is_drained else ""
+        drain = "pressure" if self.angle else "head"
         return f"""&scene title = 'Column' dimension = 2 integrator = '{method.integrator}' /
 &grid spacing = {self.spacing * self.per_cell!r} /
 &time end_time = {times[-1]!r} output_times = {", ".join(map(repr, times))} {control} /
@@ -89,13 +95,13 @@ class Column:
   hydraulic_conductivity = {self.conductivity!r} /
 &water bulk_modulus = {self.bulk_modulus!r} {keys_of(method)} /
 &mechanics {transfer_of(method)} {damping} /
-&region name = 'body' material = 'soil' box_min = 0.0, 0.0 box_max = {self.width!r}, {HEIGHT}
+&region name = 'body' material = 'soil' box_min = 0.0, 0.0 box_max = {WIDTH}, {HEIGHT}
   particle_spacing = {self.spacing!r} shape_angle = {self.angle!r}
   lattice_angle = {self.angle!r} jitter = {self.jitter!r} /
 {walls("base", "left", "right")}
 &surface name = 'top' region = 'body' face = 'z+' /
 &mechanical_condition surface = 'top' kind = 'pressure' value = {LOAD} {self.load_keys} /
-{drain}
+&hydraulic_condition surface = 'top' kind = '{drain}' value = 0.0 /
 &output name = 'result' /
 &verification case = 'terzaghi' load = {LOAD} length = {HEIGHT}
   drained = {drained[0]!r}, {drained[1]!r} direction = {sine!r}, {-cosine!r} /
@@ -111,6 +117,16 @@ def walls(*names: str) -> str:
         f"&surface name = '{name}' region = 'body' face = '{FACES[name]}' /\n"
         f"&mechanical_condition surface = '{name}' kind = 'roller' /"
         for name in names
+    )
+
+
+def side_walls(*regions: str) -> str:
+    """Smooth walls beside several regions."""
+    return "\n".join(
+        f"&surface name = '{region}{face}' region = '{region}' face = '{face}' /\n"
+        f"&mechanical_condition surface = '{region}{face}' kind = 'roller' /"
+        for region in regions
+        for face in ("x-", "x+")
     )
 
 
@@ -130,24 +146,18 @@ def layers(method: Method) -> str:
     """A slow base under a fast lid, a millionfold."""
     soil = "&material name = '{}' young_modulus = 1.0e6 poisson_ratio = 0.0 porosity = 0.3\n"
     soil += "  hydraulic_conductivity = {!r} /"
-    sides = "\n".join(
-        f"&surface name = '{region}{face}' region = '{region}' face = '{face}' /\n"
-        f"&mechanical_condition surface = '{region}{face}' kind = 'roller' /"
-        for region in ("slow", "fast")
-        for face in ("x-", "x+")
-    )
     return f"""&scene dimension = 2 integrator = '{method.integrator}' /
 &grid spacing = 0.05 /
 &time end_time = {layer_time()!r} /
 {soil.format("slow", SLOW)}
 {soil.format("fast", FAST)}
 &water bulk_modulus = 2.2e9 {keys_of(method)} /
-&mechanics {transfer_of(method)} {"damping = 'fading'" if method.has_inertia else ""} /
+&mechanics {transfer_of(method)} {fading(method)} /
 &region name = 'slow' material = 'slow' box_min = 0.0, 0.0 box_max = 0.1, 0.5 /
 &region name = 'fast' material = 'fast' box_min = 0.0, 0.5 box_max = 0.1, 1.0 /
 &surface name = 'foot' region = 'slow' face = 'z-' /
 &surface name = 'top' region = 'fast' face = 'z+' /
-{sides}
+{side_walls("slow", "fast")}
 &mechanical_condition surface = 'foot' kind = 'roller' /
 &mechanical_condition surface = 'top' kind = 'pressure' value = {LOAD} /
 &hydraulic_condition surface = 'top' kind = 'head' value = 0.0 /
@@ -173,15 +183,13 @@ def layered_pressure(height: np.ndarray, cells: int = 800) -> np.ndarray:
 
 def strip(method: Method) -> str:
     """A strip load on an undrained body, four disordered particles a cell."""
-    control = "undrained_start = .true." if method.has_inertia else ""
-    damping = "damping = 'fading'" if method.has_inertia else ""
     return f"""&scene dimension = 2 integrator = '{method.integrator}' /
 &grid spacing = 0.25 /
-&time end_time = 0.01 {control} /
+&time end_time = 0.01 {undrained(method)} /
 &material name = 'soil' young_modulus = 1.0e6 poisson_ratio = 0.3 porosity = {POROSITY}
   hydraulic_conductivity = 0.0 /
 &water bulk_modulus = 1.0e8 {keys_of(method)} /
-&mechanics {transfer_of(method)} {damping} /
+&mechanics {transfer_of(method)} {fading(method)} /
 &region name = 'body' material = 'soil' box_min = 0.0, 0.0 box_max = 5.0, 5.0 jitter = 0.2 /
 {walls("base", "left", "right")}
 &surface name = 'strip' region = 'body' face = 'z+' box_max = 1.0, 9.0 /
@@ -190,39 +198,40 @@ def strip(method: Method) -> str:
 """
 
 
-def checkerboard(method: Method) -> str | None:
-    """A rigid body of alternating pressures, drained at its top."""
+def rigid_box(
+    method: Method, spacing: float, seconds: float, conductivity: str, bulk_modulus: str, rest: str
+) -> str | None:
+    """Seepage through a body that does not move."""
     if method.integrator == "semi_implicit":
         return None
     return f"""&scene dimension = 2 integrator = '{method.integrator}' /
-&grid spacing = 0.05 /
-&time end_time = {checkerboard_time()!r} /
-&material name = 'soil' rigid = .true. porosity = {POROSITY} hydraulic_conductivity = 1.0e-4 /
-&water bulk_modulus = 3.0e6 {keys_of(method)} /
-&region name = 'body' material = 'soil' box_min = 0.0, 0.0 box_max = 0.5, 0.5
+&grid spacing = {spacing} /
+&time end_time = {seconds!r} /
+&material name = 'soil' rigid = .true. porosity = {POROSITY}
+  hydraulic_conductivity = {conductivity} /
+&water bulk_modulus = {bulk_modulus} {keys_of(method)} /
+{rest}
+&output name = 'result' /
+"""
+
+
+def checkerboard(method: Method) -> str | None:
+    """A rigid body of alternating pressures, drained at its top."""
+    rest = f"""&region name = 'body' material = 'soil' box_min = 0.0, 0.0 box_max = 0.5, 0.5
   particles_per_cell = 1 /
 &surface name = 'top' region = 'body' face = 'z+' /
 &initial_state pore_pressure = 'checkerboard' pore_pressure_value = {LOAD} /
-&hydraulic_condition surface = 'top' kind = 'pressure' value = 0.0 /
-&output name = 'result' /
-"""
+&hydraulic_condition surface = 'top' kind = 'pressure' value = 0.0 /"""
+    return rigid_box(method, 0.05, checkerboard_time(), "1.0e-4", "3.0e6", rest)
 
 
 def island(method: Method) -> str | None:
     """A rigid box on a lattice that is turned against it, water at its faces rises at once."""
-    if method.integrator == "semi_implicit":
-        return None
-    return f"""&scene dimension = 2 integrator = '{method.integrator}' /
-&grid spacing = 0.1 /
-&time end_time = 0.02 /
-&material name = 'soil' rigid = .true. porosity = {POROSITY} hydraulic_conductivity = 1.0e-5 /
-&water bulk_modulus = 2.2e9 {keys_of(method)} /
-&region name = 'body' material = 'soil' box_min = 0.0, 0.0 box_max = 2.0, 2.0
+    rest = """&region name = 'body' material = 'soil' box_min = 0.0, 0.0 box_max = 2.0, 2.0
   shape_angle = 20.0 lattice_angle = 5.0 jitter = 0.1 /
 &surface name = 'shore' region = 'body' face = 'all' /
-&hydraulic_condition surface = 'shore' kind = 'head' value = 1.0 /
-&output name = 'result' /
-"""
+&hydraulic_condition surface = 'shore' kind = 'head' value = 1.0 /"""
+    return rigid_box(method, 0.1, 0.02, "1.0e-5", "2.2e9", rest)
 
 
 def checkerboard_time() -> float:
@@ -232,29 +241,22 @@ def checkerboard_time() -> float:
 
 def seam(method: Method) -> str:
     """A layer of one particle, a hundred times less permeable, between two sands."""
-    times = Column(conductivity=1.0e-4).times
+    times = Column().times
     region = "&region name = '{0}' material = '{1}' box_min = 0.0, {2} box_max = 0.2, {3}"
     region += " particles_per_cell = 1 /"
-    sides = "\n".join(
-        f"&surface name = '{name}{face}' region = '{name}' face = '{face}' /\n"
-        f"&mechanical_condition surface = '{name}{face}' kind = 'roller' /"
-        for name in ("lower", "seam", "upper")
-        for face in ("x-", "x+")
-    )
-    start = "undrained_start = .true." if method.has_inertia else ""
     soil = "&material name = '{}' young_modulus = 1.0e6 porosity = 0.3 poisson_ratio = 0.2\n"
     soil += "  hydraulic_conductivity = {!r} /"
     return f"""&scene dimension = 2 integrator = '{method.integrator}' /
 &grid spacing = 0.05 /
-&time end_time = {times[-1]!r} {start} /
+&time end_time = {times[-1]!r} {undrained(method)} /
 {soil.format("sand", 1.0e-4)}
 {soil.format("clay", 1.0e-6)}
 &water bulk_modulus = 3.0e6 {keys_of(method)} /
-&mechanics {transfer_of(method)} {"damping = 'fading'" if method.has_inertia else ""} /
+&mechanics {transfer_of(method)} {fading(method)} /
 {region.format("lower", "sand", 0.0, 0.5)}
 {region.format("seam", "clay", 0.5, 0.55)}
 {region.format("upper", "sand", 0.55, 1.0)}
-{sides}
+{side_walls("lower", "seam", "upper")}
 &surface name = 'foot' region = 'lower' face = 'z-' /
 &surface name = 'top' region = 'upper' face = 'z+' /
 &mechanical_condition surface = 'foot' kind = 'roller' /
@@ -293,61 +295,50 @@ def rest(method: Method) -> str:
 BODY_PRESSURE = 1.0e6  # Pa
 
 
-def drifting(method: Method, motion: str, seconds: float) -> str | None:
-    """A square in equilibrium with its own stress and pressure, that moves freely."""
+ELASTIC = "young_modulus = 1.0e6 poisson_ratio = 0.3"
+
+
+def flying(method: Method, seconds: float, bodies: str, soil: str = ELASTIC) -> str | None:
+    """Bodies that nothing holds."""
     if not method.has_inertia:
         return None
-    p = BODY_PRESSURE
     return f"""&scene dimension = 2 integrator = '{method.integrator}' deformation = 'updated' /
 &grid spacing = 0.1 shape_function = 'gimp' /
 &time end_time = {seconds!r} /
-&material name = 'soil' young_modulus = 1.0e6 poisson_ratio = 0.3 porosity = {POROSITY}
+&material name = 'soil' {soil} porosity = {POROSITY}
   hydraulic_conductivity = 1.0e-4 /
 &water bulk_modulus = 3.0e6 {keys_of(method)} /
 &mechanics {transfer_of(method)} /
-&region name = 'body' material = 'soil' box_min = -0.3, -0.3 box_max = 0.3, 0.3 {motion} /
-&initial_state pore_pressure = 'given' pore_pressure_value = {p!r}
-  effective_stress = 'given' effective_stress_value = {p!r}, {p!r}, {p!r}, 0.0, 0.0, 0.0 /
+{bodies}
 &output name = 'result' /
 """
+
+
+def drifting(method: Method, motion: str, seconds: float) -> str | None:
+    """A square in equilibrium with its own stress and pressure, that moves freely."""
+    p = BODY_PRESSURE
+    body = f"""&region name = 'body' material = 'soil' box_min = -0.3, -0.3
+  box_max = 0.3, 0.3 {motion} /
+&initial_state pore_pressure = 'given' pore_pressure_value = {p!r}
+  effective_stress = 'given' effective_stress_value = {p!r}, {p!r}, {p!r}, 0.0, 0.0, 0.0 /"""
+    return flying(method, seconds, body)
 
 
 def collision(method: Method) -> str | None:
     """Two dry-sided saturated blocks meet on their way."""
-    if not method.has_inertia:
-        return None
     region = "&region name = '{}' material = 'soil' box_min = {}, 0.0 box_max = {}, 0.5"
     region += " velocity = {}, 0.3 /"
-    return f"""&scene dimension = 2 integrator = '{method.integrator}' deformation = 'updated' /
-&grid spacing = 0.1 shape_function = 'gimp' /
-&time end_time = 0.15 /
-&material name = 'soil' young_modulus = 1.0e6 poisson_ratio = 0.3 porosity = {POROSITY}
-  hydraulic_conductivity = 1.0e-4 /
-&water bulk_modulus = 3.0e6 {keys_of(method)} /
-&mechanics {transfer_of(method)} /
-{region.format("a", 0.0, 0.5, 1.0)}
-{region.format("b", 0.7, 1.2, -1.0)}
-&output name = 'result' /
-"""
+    bodies = [region.format("a", 0.0, 0.5, 1.0), region.format("b", 0.7, 1.2, -1.0)]
+    return flying(method, 0.15, "\n".join(bodies))
 
 
 def thrown(method: Method) -> str | None:
     """A body, and one particle that flies away from it."""
-    if not method.has_inertia:
-        return None
-    return f"""&scene dimension = 2 integrator = '{method.integrator}' deformation = 'updated' /
-&grid spacing = 0.1 shape_function = 'gimp' /
-&time end_time = 0.5 /
-&material name = 'soil' model = 'mohr_coulomb' young_modulus = 1.0e6 poisson_ratio = 0.3
-  friction_angle = 30.0 tensile_strength = 0.0 porosity = {POROSITY}
-  hydraulic_conductivity = 1.0e-4 /
-&water bulk_modulus = 3.0e6 {keys_of(method)} /
-&mechanics {transfer_of(method)} /
-&region name = 'body' material = 'soil' box_min = 0.0, 0.0 box_max = 1.0, 1.0 /
+    soil = f"model = 'mohr_coulomb' {ELASTIC} friction_angle = 30.0 tensile_strength = 0.0"
+    bodies = """&region name = 'body' material = 'soil' box_min = 0.0, 0.0 box_max = 1.0, 1.0 /
 &region name = 'grain' material = 'soil' box_min = 0.5, 1.1 box_max = 0.55, 1.15
-  velocity = 0.0, 2.0 /
-&output name = 'result' /
-"""
+  velocity = 0.0, 2.0 /"""
+    return flying(method, 0.5, bodies, soil)
 
 
 def vibration(method: Method) -> str | None:
@@ -376,18 +367,15 @@ def vibration_period() -> float:
 
 def cyclic(method: Method) -> str:
     """Thirty periods of a load from 0 to 1000 Pa, much shorter than the drainage."""
-    column = Column(conductivity=1.0e-4)
     period = cyclic_period()
     times = [0.5 * k * period for k in range(61)]
     values = [float(k % 2) for k in range(61)]
     keys = f"factor_times = {', '.join(map(repr, times))}\n"
     keys += f"  factor_values = {', '.join(map(repr, values))}"
-    text = Column(load_keys=keys, conductivity=column.conductivity).text(
-        method, [29.5 * period, 30 * period], starts=False
-    )
-    return text.replace(
-        "&time ", f"&time largest_step = {period / 40!r} " if not method.has_inertia else "&time "
-    )
+    text = Column(load_keys=keys).text(method, [29.5 * period, 30 * period], starts=False)
+    if method.has_inertia:
+        return text
+    return text.replace("&time ", f"&time largest_step = {period / 40!r} ")
 
 
 def cyclic_period() -> float:
@@ -443,8 +431,7 @@ def slide(method: Method) -> str | None:
 &surface name = 'left' region = 'body' face = 'edge4' /
 &mechanical_condition surface = 'base' kind = 'fixed' /
 &mechanical_condition surface = 'left' kind = 'roller' /
-&initial_state effective_stress = 'geostatic' surface_level = 3.0 lateral_ratio = 0.5
-  /
+&initial_state effective_stress = 'geostatic' surface_level = 3.0 lateral_ratio = 0.5 /
 &output name = 'result' /
 """
 
@@ -474,11 +461,11 @@ def few_particles(method: Method) -> str:
     """Four particles in two cells: more ranks than work."""
     return f"""&scene dimension = 2 integrator = '{method.integrator}' /
 &grid spacing = 0.5 /
-&time end_time = 20.0 {"undrained_start = .true." if method.has_inertia else ""} /
+&time end_time = 20.0 {undrained(method)} /
 &material name = 'soil' young_modulus = 1.0e6 poisson_ratio = 0.2 porosity = {POROSITY}
   hydraulic_conductivity = 1.0e-4 /
 &water bulk_modulus = 3.0e6 {keys_of(method)} /
-&mechanics {transfer_of(method)} {"damping = 'fading'" if method.has_inertia else ""} /
+&mechanics {transfer_of(method)} {fading(method)} /
 &region name = 'body' material = 'soil' box_min = 0.0, 0.0 box_max = 0.5, 2.0
   particles_per_cell = 1 /
 {walls("base", "left", "right")}

@@ -5,6 +5,11 @@
 !! whose datum is the normal derivative. The conductivity k_ij between particles is the harmonic
 !! mean and multiplies the entries of the Laplacian. All entries act on differences h_j - h_i, so
 !! that a constant head gives exactly zero.
+!!
+!! A particle that almost lies on a surface with a head has its neighbours on one side only and
+!! surface points beside it instead of beyond: through its own head the fit falls off convexly, and
+!! the rate gets the wrong sign. Its fit goes without its own head, f, and its row is
+!! lap f + (C/dx^2)(f - h_i): consistent, as f - h_i is of the third order, and its diagonal is -C.
 module dosui_head_operator
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim
@@ -17,6 +22,8 @@ module dosui_head_operator
   integer, parameter, public :: kind_head = 1    !! surface point with a head
   real(wp), parameter :: foot_reach = 1.1_wp     !! a foot beyond the patch's points by this is none
   integer, parameter :: max_rows = 512           !! neighbours and surface rows of one particle
+  real(wp), parameter :: almost_on = 0.3_wp      !! distance of a face with heads, in spacings [-]
+  real(wp), parameter :: attraction = 4.0_wp*ndim   !! C of particles as close as that [-]
 
   type, public :: head_operator_t
     integer :: n_row = 0
@@ -46,6 +53,8 @@ module dosui_head_operator
     real(wp) :: r(ndim, max_rows)          !! offsets in spacings [-]
     real(wp) :: weight(max_rows)           !! [-]
     real(wp) :: basis(n_basis, max_rows)   !! monomials or their slopes [-]
+    real(wp) :: constant(max_rows)         !! 1, or 0 for slopes [-]
+    real(wp) :: to_head                    !! distance to the nearest face with heads [-]
   end type stencil_t
 
 contains
@@ -148,6 +157,8 @@ contains
       stencil%weight(k) = wendland_weight(norm2(stencil%r(:, k))/radius)
       stencil%basis(:, k) = quadratic_basis(stencil%r(:, k))
     end do
+    stencil%constant(1:n) = 1.0_wp
+    stencil%to_head = huge(1.0_wp)
     stencil%n = n
   end subroutine particle_rows
 
@@ -161,18 +172,21 @@ contains
     real(wp), intent(in) :: spacing, radius
     type(stencil_t), intent(inout) :: stencil
     integer, intent(inout) :: point(:)                      !! surface point of each added row
-    real(wp) :: r(ndim)
+    real(wp) :: r(ndim), foot(ndim)
     integer :: k, n_before
+    logical :: has_foot
 
     n_before = stencil%n
     do k = 1, size(near)
       if (stencil%n == max_rows) exit
+      r = (position(:, near(k)) - x)/spacing
+      foot = dot_product(r, normal(:, near(k)))*normal(:, near(k))
+      has_foot = norm2(r - foot) <= foot_reach
       if (kind(near(k)) == kind_head) then
-        r = (position(:, near(k)) - x)/spacing
+        if (has_foot) stencil%to_head = min(stencil%to_head, norm2(foot))
       else
-        if (.not. nearest_of_patch(k)) cycle
-        r = dot_product(position(:, near(k)) - x, normal(:, near(k)))/spacing*normal(:, near(k))
-        if (norm2((position(:, near(k)) - x)/spacing - r) > foot_reach) cycle
+        if (.not. (has_foot .and. nearest_of_patch(k))) cycle
+        r = foot
       end if
       stencil%n = stencil%n + 1
       point(stencil%n - n_before) = near(k)
@@ -180,8 +194,10 @@ contains
       stencil%weight(stencil%n) = wendland_weight(norm2(r)/radius)
       if (kind(near(k)) == kind_head) then
         stencil%basis(:, stencil%n) = quadratic_basis(r)
+        stencil%constant(stencil%n) = 1.0_wp
       else
         stencil%basis(:, stencil%n) = quadratic_basis_slope(r, normal(:, near(k)))
+        stencil%constant(stencil%n) = 0.0_wp
       end if
     end do
 
@@ -214,6 +230,11 @@ contains
     integer :: k
     logical :: regular
 
+    if (stencil%to_head < almost_on) then
+      call attracted_row(stencil, regular, laplacian)
+      row_kind = 0
+      if (regular) return
+    end if
     call normal_matrix(stencil, matrix)
     call factorise(n_basis, matrix, regular)
     if (regular) then
@@ -228,6 +249,33 @@ contains
       call pairwise_row(stencil, n_near, row_kind, laplacian)
     end if
   end subroutine laplacian_row
+
+  pure subroutine attracted_row(stencil, regular, laplacian)
+    !! Kernel: the row of a particle that almost lies on a face with heads (see the module).
+    type(stencil_t), intent(in) :: stencil
+    logical, intent(out) :: regular                !! otherwise no row
+    real(wp), intent(inout) :: laplacian(:)
+    real(wp) :: matrix(n_basis + 1, n_basis + 1), right(n_basis + 1), row(n_basis + 1)
+    integer :: k, a
+
+    matrix = 0.0_wp
+    do k = 1, stencil%n
+      row = [stencil%basis(:, k), stencil%constant(k)]
+      do a = 1, n_basis + 1
+        matrix(a:, a) = matrix(a:, a) + stencil%weight(k)*row(a)*row(a:)
+      end do
+    end do
+    call factorise(n_basis + 1, matrix, regular)
+    if (.not. regular) return
+    right = 0.0_wp
+    right(ndim + 1:2*ndim) = 1.0_wp
+    right(n_basis + 1) = attraction
+    call solve_factored(n_basis + 1, matrix, right)
+    do k = 1, stencil%n
+      laplacian(k) = stencil%weight(k)* &
+                     dot_product([stencil%basis(:, k), stencil%constant(k)], right)
+    end do
+  end subroutine attracted_row
 
   pure subroutine normal_matrix(stencil, matrix)
     !! Kernel: lower triangle of sum w P P^T over all rows.

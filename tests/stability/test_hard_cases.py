@@ -26,10 +26,7 @@ LONG = {  # seconds of each; in the record only
     ("water-1e12", "explicit"),
     ("drawdown", "explicit"),
 }
-NEAR = "a lattice point close to a face sees heads beside, not at its foot: a rate of wrong sign"
 KNOWN = {  # failures that the record shows
-    ("island", "explicit"): NEAR,
-    ("island", "quasi-static"): NEAR,
     ("drawdown", "quasi-static"): "the operator does not conserve: the balance misses 1.3 %",
 }
 

@@ -4,6 +4,9 @@
 !! spans nodes C to C + 1, block B holds the cells 2 B and 2 B + 1 in each direction. A patch is
 !! the set of `width` nodes per direction above a base node; for linear hats patches are cells.
 !! Everything is sorted by packed key, so nothing depends on the order of the particles.
+!!
+!! A periodic grid repeats after some cells: nodes a period apart are one node, with the least
+!! coordinate that is not negative. Cells and patches stay where the particles are.
 module dosui_grid
   use dosui_kinds, only: wp, i8
   use dosui_dimension, only: ndim
@@ -27,6 +30,7 @@ module dosui_grid
     integer :: shape_kind = shape_linear
     integer :: width = 2                           !! nodes per direction and particle
     real(wp) :: half_domain = 0.25_wp              !! GIMP: half a particle's side over h [-]
+    integer :: period(ndim) = 0                    !! cells after which nodes repeat, 0: never
     integer :: n_node = 0, n_patch = 0, n_cell = 0, n_block = 0
     integer(i8), allocatable :: node_key(:), patch_key(:), cell_key(:), block_key(:)
     integer, allocatable :: node_index(:, :)       !! (ndim, n_node) integer coordinates
@@ -40,6 +44,7 @@ module dosui_grid
   contains
     procedure :: build => grid_build
     procedure :: locate => grid_locate
+    procedure :: corner_index => grid_corner_index
     procedure :: find_ends => grid_find_ends
     procedure :: memory_bytes => grid_memory_bytes
   end type grid_t
@@ -47,7 +52,7 @@ module dosui_grid
 contains
 
   subroutine grid_build(self, comm, spacing, origin, shape_kind, n, position, margin, n_extra, &
-                        extra_position)
+                        extra_position, period)
     !! Finds everything within +-margin of the positions, and its copies on other ranks.
     !! Collective. Positions too far from the origin (2**20 spacings) are left out; `locate`
     !! counts them as lost.
@@ -61,8 +66,11 @@ contains
     real(wp), intent(in) :: margin                           !! way a particle may move [m]
     integer, intent(in) :: n_extra                           !! points that need cells only
     real(wp), intent(in) :: extra_position(ndim, n_extra)    !! e.g. surface points [m]
+    integer, intent(in), optional :: period(ndim)            !! in cells, 0: the grid is endless
     integer(i8), allocatable :: keys(:)
 
+    self%period = 0
+    if (present(period)) self%period = period
     self%spacing = spacing
     self%origin = origin
     self%shape_kind = shape_kind
@@ -78,6 +86,7 @@ contains
                         self%patch_key)
     end if
     self%node_key = united(grown(self%cell_key, 1), grown(self%patch_key, self%width - 1))
+    if (any(self%period > 0)) self%node_key = wrapped_keys(self%node_key, self%period)
     call link_nodes(self)
     call link_blocks(self)
     call find_shared(self, comm)
@@ -212,8 +221,14 @@ contains
     call unpack_keys(self%node_key, self%node_index)
     call unpack_keys(self%patch_key, self%patch_base)
     call unpack_keys(self%cell_key, self%cell_base)
-    call link_corners(self%patch_key, self%width, self%node_key, self%patch_node)
-    call link_corners(self%cell_key, 2, self%node_key, self%cell_node)
+    if (any(self%period > 0)) then
+      call link_wrapped_corners(self%patch_base, self%width, self%period, self%node_key, &
+                                self%patch_node)
+      call link_wrapped_corners(self%cell_base, 2, self%period, self%node_key, self%cell_node)
+    else
+      call link_corners(self%patch_key, self%width, self%node_key, self%patch_node)
+      call link_corners(self%cell_key, 2, self%node_key, self%cell_node)
+    end if
   end subroutine link_nodes
 
   pure subroutine unpack_keys(keys, coordinates)
@@ -227,6 +242,60 @@ contains
       coordinates(:, k) = ijk(1:ndim)
     end do
   end subroutine unpack_keys
+
+  pure function wrapped(coordinates, period) result(inside)
+    !! The same node in the first period.
+    integer, intent(in) :: coordinates(ndim), period(ndim)
+    integer :: inside(ndim)
+
+    inside = coordinates
+    where (period > 0) inside = modulo(coordinates, max(period, 1))
+  end function wrapped
+
+  function wrapped_keys(keys, period) result(inside)
+    !! Sorted keys of the same nodes in the first period.
+    integer(i8), intent(in) :: keys(:)
+    integer, intent(in) :: period(ndim)
+    integer(i8), allocatable :: inside(:)
+    integer, allocatable :: order(:)
+    integer :: k, ijk(3)
+
+    allocate (inside(size(keys)))
+    do k = 1, size(keys)
+      ijk = unpack_key(keys(k))
+      inside(k) = pack_key(wrapped(ijk(1:ndim), period))
+    end do
+    call sort_permutation(inside, order)
+    inside = unique_sorted(inside(order))
+  end function wrapped_keys
+
+  pure subroutine link_wrapped_corners(base, width, period, node_key, corner)
+    !! As `link_corners`, where the grid repeats.
+    integer, intent(in) :: base(:, :)         !! (ndim, n) coordinates
+    integer, intent(in) :: width, period(ndim)
+    integer(i8), intent(in) :: node_key(:)
+    integer, allocatable, intent(out) :: corner(:, :)
+    integer :: c, k, d, offset(ndim)
+
+    allocate (corner(width**ndim, size(base, 2)))
+    do c = 1, width**ndim
+      offset = [(mod((c - 1)/width**(d - 1), width), d=1, ndim)]
+      do k = 1, size(base, 2)
+        corner(c, k) = binary_search(node_key, pack_key(wrapped(base(:, k) + offset, period)))
+      end do
+    end do
+  end subroutine link_wrapped_corners
+
+  pure function grid_corner_index(self, corner, cell) result(coordinates)
+    !! Integer coordinates of a cell's corner where the cell is; those of a periodic grid's node
+    !! may lie a period away.
+    class(grid_t), intent(in) :: self
+    integer, intent(in) :: corner   !! x fastest
+    integer, intent(in) :: cell
+    integer :: coordinates(ndim), d
+
+    coordinates = self%cell_base(:, cell) + [(merge(1, 0, btest(corner - 1, d - 1)), d=1, ndim)]
+  end function grid_corner_index
 
   pure subroutine link_corners(base_key, width, node_key, corner)
     !! Finds the width**ndim nodes above each base. Both lists are sorted and all corners are in
@@ -281,6 +350,7 @@ contains
     type(communicator_t), intent(in) :: comm
     integer(i8), allocatable :: send(:), boxes(:)
     integer, allocatable :: n_send(:), n_receive(:), low(:, :), high(:, :), block(:, :)
+    logical, allocatable :: repeats(:, :)
     integer :: own_box(2*ndim), k, r, n_box
 
     allocate (n_send(0:comm%size - 1), source=merge(2*ndim, 0, self%n_cell > 0))
@@ -292,6 +362,7 @@ contains
     call comm%exchange(send, n_send, boxes, n_receive)
 
     allocate (low(ndim, comm%size), high(ndim, comm%size))
+    repeats = spread(self%period > 0, 2, comm%size)   ! their nodes may be a period away
     n_box = 0
     k = 0
     do r = 0, comm%size - 1
@@ -304,8 +375,10 @@ contains
       k = k + 2*ndim
     end do
     call self%node_map%init_shared(comm, self%node_key, &
-                                   inside(self%node_index, low(:, :n_box) - 1, &
-                                          high(:, :n_box) + 2))
+                                   inside(self%node_index, merge(-huge(1), low(:, :n_box) - 1, &
+                                                                 repeats(:, :n_box)), &
+                                          merge(huge(1), high(:, :n_box) + 2, &
+                                                repeats(:, :n_box))))
     call self%cell_map%init_shared(comm, self%cell_key, &
                                    inside(self%cell_base, low(:, :n_box), high(:, :n_box)))
     call unpack_keys(self%block_key, block)

@@ -8,8 +8,9 @@
 !!
 !! A particle that almost lies on a surface with a head has its neighbours on one side only and
 !! surface points beside it instead of beyond: through its own head the fit falls off convexly, and
-!! the rate gets the wrong sign. Its fit goes without its own head, f, and its row is
-!! lap f + (C/dx^2)(f - h_i): consistent, as f - h_i is of the third order, and its diagonal is -C.
+!! the rate gets the wrong sign. The row of a fit f without its own head, lap f + (C/dx^2)(f - h_i),
+!! is consistent, too, as f - h_i is of the third order, and its diagonal is -C. The weaker the
+!! diagonal of the usual row, the larger is the share of this one: none from C/2 on, all at 0.
 module dosui_head_operator
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim
@@ -22,8 +23,8 @@ module dosui_head_operator
   integer, parameter, public :: kind_head = 1    !! surface point with a head
   real(wp), parameter :: foot_reach = 1.1_wp     !! a foot beyond the patch's points by this is none
   integer, parameter :: max_rows = 512           !! neighbours and surface rows of one particle
-  real(wp), parameter :: almost_on = 0.3_wp      !! distance of a face with heads, in spacings [-]
-  real(wp), parameter :: attraction = 4.0_wp*ndim   !! C of particles as close as that [-]
+  real(wp), parameter :: almost_on = 0.4_wp      !! distance of a face with heads, in spacings [-]
+  real(wp), parameter :: attraction = 4.0_wp*ndim   !! C, the diagonal of such rows [-]
 
   type, public :: head_operator_t
     integer :: n_row = 0
@@ -227,14 +228,10 @@ contains
     integer, intent(out) :: row_kind               !! 0 quadratic, 1 pairwise, 2 isolated
     real(wp), intent(inout) :: laplacian(:)
     real(wp) :: matrix(n_basis, n_basis), right(n_basis)
+    real(wp) :: diagonal, share   ! its share of an attracted row
     integer :: k
     logical :: regular
 
-    if (stencil%to_head < almost_on) then
-      call attracted_row(stencil, regular, laplacian)
-      row_kind = 0
-      if (regular) return
-    end if
     call normal_matrix(stencil, matrix)
     call factorise(n_basis, matrix, regular)
     if (regular) then
@@ -245,18 +242,24 @@ contains
       do k = 1, stencil%n
         laplacian(k) = stencil%weight(k)*dot_product(stencil%basis(:, k), right)
       end do
+      if (stencil%to_head < almost_on) then
+        diagonal = sum(stencil%constant(:stencil%n)*laplacian(:stencil%n))
+        share = min(1.0_wp - 2.0_wp*diagonal/attraction, 1.0_wp)
+        if (share > 0.0_wp) call mix_attracted_row(stencil, share, laplacian)
+      end if
     else
       call pairwise_row(stencil, n_near, row_kind, laplacian)
     end if
   end subroutine laplacian_row
 
-  pure subroutine attracted_row(stencil, regular, laplacian)
-    !! Kernel: the row of a particle that almost lies on a face with heads (see the module).
+  pure subroutine mix_attracted_row(stencil, share, laplacian)
+    !! Kernel: mixes in the row of a particle that almost lies on a face with heads (see the module).
     type(stencil_t), intent(in) :: stencil
-    logical, intent(out) :: regular                !! otherwise no row
-    real(wp), intent(inout) :: laplacian(:)
+    real(wp), intent(in) :: share                  !! of it [-]
+    real(wp), intent(inout) :: laplacian(:)        !! left as it is if there is no such fit
     real(wp) :: matrix(n_basis + 1, n_basis + 1), right(n_basis + 1), row(n_basis + 1)
     integer :: k, a
+    logical :: regular
 
     matrix = 0.0_wp
     do k = 1, stencil%n
@@ -272,10 +275,10 @@ contains
     right(n_basis + 1) = attraction
     call solve_factored(n_basis + 1, matrix, right)
     do k = 1, stencil%n
-      laplacian(k) = stencil%weight(k)* &
+      laplacian(k) = (1.0_wp - share)*laplacian(k) + share*stencil%weight(k)* &
                      dot_product([stencil%basis(:, k), stencil%constant(k)], right)
     end do
-  end subroutine attracted_row
+  end subroutine mix_attracted_row
 
   pure subroutine normal_matrix(stencil, matrix)
     !! Kernel: lower triangle of sum w P P^T over all rows.

@@ -268,7 +268,8 @@ contains
     call model%grid%build(model%comm, model%scene%grid_spacing, model%scene%grid_origin, &
                           shape_kind_of(trim(model%scene%shape_function)), n, &
                           model%particles%field(handle)%values(:, 1:n), margin, &
-                          model%surface%count, inside)
+                          model%surface%count, inside, &
+                          nint(model%scene%grid_period/model%scene%grid_spacing))
     model%grid%half_domain = min(0.5_wp, 0.5_wp*model%spacing/model%scene%grid_spacing)
     call allocate_arrays(model)
     call model%grid%locate(n, model%particles%field(model%p%position)%values(:, 1:n), model%patch, &

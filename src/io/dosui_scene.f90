@@ -277,6 +277,7 @@ module dosui_scene
     real(wp) :: gravity(ndim) = 0.0_wp               !! [m/s2]
     real(wp) :: grid_spacing = 0.0_wp                !! [m]
     real(wp) :: grid_origin(ndim) = 0.0_wp           !! a node of the grid [m]
+    real(wp) :: grid_period(ndim) = 0.0_wp           !! the grid repeats after it; 0: never [m]
     character(len=name_length) :: shape_function = 'linear'      !! 'linear', 'gimp' or 'bspline'
     real(wp) :: domain_min(ndim) = -huge(1.0_wp)     !! particles outside have left [m]
     real(wp) :: domain_max(ndim) = huge(1.0_wp)

@@ -41,6 +41,7 @@ contains
     call check_references(checker, scene)
     call check_times(checker, scene)
     call check_domain(checker, scene)
+    call check_period(checker, scene)
     call check_regions(checker, scene)
     call check_holes(checker, scene)
     call check_surfaces(checker, scene)
@@ -257,6 +258,30 @@ contains
       call checker%complain('grid', 1, 'domain_max', 'must be above domain_min')
     end if
   end subroutine check_domain
+
+  subroutine check_period(checker, scene)
+    !! Whole cells, a grid through which nothing moves, and no wall that would not repeat.
+    type(checker_t), intent(inout) :: checker
+    type(scene_t), intent(in) :: scene
+    real(wp) :: cells(ndim)
+    integer :: k
+
+    if (.not. any(scene%grid_period > 0.0_wp) .or. .not. scene%grid_spacing > 0.0_wp) return
+    cells = scene%grid_period/scene%grid_spacing
+    if (any(scene%grid_period > 0.0_wp .and. &
+            (cells < 1.5_wp .or. abs(cells - anint(cells)) > 1.0e-6_wp*cells))) then
+      call checker%complain('grid', 1, 'period', 'must be two or more whole grid spacings')
+    end if
+    if (scene%deformation /= 'small_strain') then
+      call checker%complain('grid', 1, 'period', 'works with deformation = ''small_strain'' only')
+    end if
+    do k = 1, group_size(scene, 'rigid_wall')
+      if (any(scene%grid_period > 0.0_wp .and. abs(scene%rigid_wall(k)%normal) > 0.0_wp)) then
+        call checker%complain('rigid_wall', k, 'normal', &
+                              'must be perpendicular to the axes with a period in &grid')
+      end if
+    end do
+  end subroutine check_period
 
   subroutine check_regions(checker, scene)
     !! Boxes, polygons, circles and spheres.

@@ -354,6 +354,11 @@ contains
     call v%real(scene%grid_spacing, &
                 key('spacing', 'edge length of the cells', unit='m', range='> 0', required=.true.))
     call v%vector(scene%grid_origin, key('origin', 'position of one node of the grid', unit='m'))
+    call v%vector(scene%grid_period, &
+                  key('period', 'the skeleton repeats after this length along each axis (0: it '// &
+                      'does not): its sides move as one, for columns, layers and slopes of '// &
+                      'endless extent; water needs its own conditions on these sides, or '// &
+                      'does not flow through them', unit='m', range='>= 0'))
     call v%name(scene%shape_function, &
                 key('shape_function', 'linear hats, GIMP (uniform) or quadratic B-splines', &
                     choices='linear gimp bspline'))

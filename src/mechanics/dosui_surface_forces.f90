@@ -89,7 +89,7 @@ contains
                                           self%cell(k, p))
         if (self%cell(k, p) == 0) cycle
         self%node(:, k, p) = grid%cell_node(:, self%cell(k, p))
-        self%weight(:, k, p) = hat_weights(place, grid, self%node(1, k, p))/real(self%n_part, wp)
+        self%weight(:, k, p) = hat_weights(place, grid, self%cell(k, p))/real(self%n_part, wp)
         served(1, self%node(:, k, p)) = served(1, self%node(:, k, p)) + &
                                         self%weight(:, k, p)*area(p)
       end do
@@ -155,16 +155,16 @@ contains
     cell = host(found(1))
   end subroutine find_part
 
-  pure function hat_weights(position, grid, first_node) result(weight)
+  pure function hat_weights(position, grid, cell) result(weight)
     !! Linear hats of a cell's corner nodes (x fastest) at a position; they go on into parts of
     !! neighbouring cells that belong to this one [-].
     real(wp), intent(in) :: position(ndim)   !! [m]
     type(grid_t), intent(in) :: grid
-    integer, intent(in) :: first_node        !! lowest corner of the cell
+    integer, intent(in) :: cell
     real(wp) :: weight(2**ndim)
 
     weight = corner_hats((position - grid%origin)/grid%spacing - &
-                         real(grid%node_index(:, first_node), wp))
+                         real(grid%cell_base(:, cell), wp))
   end function hat_weights
 
   pure subroutine keep_usable(node, usable, mass, total, weight)

@@ -9,11 +9,10 @@ module dosui_command_line
 
   integer, parameter, public :: argument_length = 4096   !! the longest path of Linux
   integer, parameter :: option_length = 12
-  character(len=option_length), parameter :: options(9) = &
-                                             [character(len=option_length) :: '--check', &
-                                                  '--template', '--output', '--restart', '--docs', &
-                                                                               '--elements', &
-                                                                        '--version', '--help', '-h']
+  character(len=option_length), parameter :: options(10) = [character(len=option_length) :: &
+                                                 '--check', '--template', '--output', '--restart', &
+                                                  '--docs', '--elements', '--safety', '--version', &
+                                                            '--help', '-h']
 
   type, public :: command_line_t
     character(len=:), allocatable :: scene      !! path of the namelist, '' if not given
@@ -23,6 +22,7 @@ module dosui_command_line
     integer :: dimension = 0                    !! of the template, 0 if not given
     logical :: is_check = .false.
     logical :: is_elements = .false.
+    logical :: is_safety = .false.
     character(len=:), allocatable :: pressure   !! confining, of element tests, '' if not given
     logical :: is_template = .false.
     logical :: is_version = .false.
@@ -50,6 +50,8 @@ contains
            '  --elements[=PA]    print laboratory tests of the scene''s soils as a table, at '// &
            'this confining'//newline// &
            '                     pressure (1e5 Pa)'//newline// &
+           '  --safety           print by how much the soils'' strength may fall before the '// &
+           'body fails'//newline// &
            '  --version          print the version and how it was built'//newline// &
            '  --help             print this'//newline// &
            newline// &
@@ -158,6 +160,8 @@ contains
       if (len(value) > 1 .or. (len(value) == 1 .and. line%dimension == 0)) then
         call err%set('--template '//value//': the dimension must be 1, 2 or 3')
       end if
+    case ('--safety')
+      line%is_safety = .true.
     case ('--elements')
       line%is_elements = .true.
       line%pressure = value

@@ -17,7 +17,8 @@ program dosui_main
   use dosui_scene, only: scene_t
   use dosui_scene_reader, only: read_scene
   use dosui_scene_template, only: write_group_docs, write_template
-  use dosui_simulation, only: run_scene, status_bad_input, status_finished
+  use dosui_simulation, only: run_scene, status_bad_input, status_finished, to_check, &
+                              to_find_safety, to_run
   implicit none
 
   type(communicator_t) :: comm
@@ -65,6 +66,7 @@ contains
     type(scene_t) :: scene
     type(problems_t) :: problems
     character(len=:), allocatable :: stem
+    integer :: purpose
 
     if (len(line%output) > 0) then
       call read_scene(comm, line%scene, scene, problems, err, line%output)
@@ -91,7 +93,10 @@ contains
       status = status_bad_input
       return
     end if
-    call run_scene(comm, scene, stem, line%restart, line%is_check, status)
+    purpose = to_run
+    if (line%is_check) purpose = to_check
+    if (line%is_safety) purpose = to_find_safety
+    call run_scene(comm, scene, stem, line%restart, purpose, status)
   end subroutine run
 
   subroutine print_elements(scene, status)

@@ -12,6 +12,7 @@ module dosui_simulation
   use dosui_result_fields, only: result_fields
   use dosui_quasi_static, only: quasi_static_t
   use dosui_run_files, only: run_files_t
+  use dosui_safety, only: find_safety_factor
   use dosui_scene, only: scene_t
   use dosui_semi_implicit, only: choose_semi_implicit_step, semi_implicit_t
   use dosui_setup, only: describe_model, finish_setup, seed_model, setup_model
@@ -27,6 +28,7 @@ module dosui_simulation
 
   integer, parameter, public :: status_finished = 0, status_failed = 1, status_bad_input = 2, &
                                 status_stopped = 3   !! exit statuses
+  integer, parameter, public :: to_run = 1, to_check = 2, to_find_safety = 3   !! purposes
   integer, parameter :: explicit_check_interval = 64  !! steps between looks at signals and NaN
   integer, parameter :: equilibrium_passes = 20       !! of updated scenes
   real(wp), parameter :: settled = 1.0e-12_wp         !! of the first displacements [-]
@@ -34,13 +36,13 @@ module dosui_simulation
 
 contains
 
-  subroutine run_scene(comm, scene, stem, restart, check_only, status)
+  subroutine run_scene(comm, scene, stem, restart, purpose, status)
     !! Runs a scene that has been read without problems. Collective.
     type(communicator_t), intent(in) :: comm
     type(scene_t), intent(in) :: scene
     character(len=*), intent(in) :: stem       !! of the files: directory and name
     character(len=*), intent(in) :: restart    !! path of a checkpoint, '' for none
-    logical, intent(in) :: check_only
+    integer, intent(in) :: purpose
     integer, intent(out) :: status
     type(model_t) :: model
     type(run_files_t) :: files
@@ -61,9 +63,14 @@ contains
     if (report(model, problems, err)) return
     call describe_model(model)
     status = status_finished
-    if (check_only) then
+    if (purpose == to_check) then
       call say_step(model)
       call model%log%info('the scene is valid; nothing was computed')
+      return
+    end if
+    if (purpose == to_find_safety) then
+      call find_safety_factor(model, err)
+      if (report(model, problems, err)) status = status_failed
       return
     end if
     call files%open(model, stem, len(restart) > 0, err)
@@ -372,9 +379,14 @@ contains
     type(model_t), intent(inout) :: model
     type(error_t), intent(inout) :: err
     integer :: n_iteration, p
+    logical :: stands
 
     n_iteration = 0
-    call find_geostatic_equilibrium(model, n_iteration, err)
+    call find_geostatic_equilibrium(model, n_iteration, stands, err)
+    if (.not. (stands .or. err%failed())) then
+      call err%set('the geostatic start found no equilibrium: the soils cannot carry the loads '// &
+                   '(dosui --safety finds by how much)')
+    end if
     if (err%failed()) return
     model%particles%field(model%p%displacement)%values = 0.0_wp
     do p = 1, model%surface%count

@@ -253,7 +253,7 @@ contains
   end subroutine laplacian_row
 
   pure subroutine mix_attracted_row(stencil, share, laplacian)
-    !! Kernel: mixes in the row of a particle that almost lies on a face with heads (see the module).
+    !! Kernel: mixes in the row of a particle that almost lies on a face with heads (see module).
     type(stencil_t), intent(in) :: stencil
     real(wp), intent(in) :: share                  !! of it [-]
     real(wp), intent(inout) :: laplacian(:)        !! left as it is if there is no such fit

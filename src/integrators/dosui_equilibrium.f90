@@ -27,7 +27,9 @@ module dosui_equilibrium
   integer, parameter :: patience = 200                !! iterations without progress there
   real(wp), parameter :: acceptable = 1.0e-8_wp       !! at the end, or it is an error [-]
 
-  integer, parameter :: correction_limit = 500         !! initial-stress iterations
+  integer, parameter :: correction_limit = 3000        !! initial-stress iterations
+  integer, parameter :: round = 500                    !! of them: a standing body gains in each
+  real(wp), parameter :: least_gain = 0.5_wp           !! residual over that a round ago [-]
   real(wp), parameter :: correction = 1.0e-2_wp        !! what each leaves of the residual [-]
   real(wp), parameter :: balanced = 1.0e-11_wp         !! residual over the weight [-]
 
@@ -35,19 +37,21 @@ module dosui_equilibrium
 
 contains
 
-  subroutine find_geostatic_equilibrium(model, n_iteration, err)
+  subroutine find_geostatic_equilibrium(model, n_iteration, stands, err)
     !! Effective stresses in equilibrium with weight, loads and the pore pressures at hand, which
     !! stay. Soils that yield: initial-stress iterations, each an elastic solution whose strains
     !! the soils then take. Collective.
     type(model_t), intent(inout) :: model
     integer, intent(inout) :: n_iteration      !! in all
+    logical, intent(out) :: stands             !! false: soils cannot carry the loads
     type(error_t), intent(inout) :: err
     type(material_set_t) :: soils, elastic
     real(wp), allocatable :: residual(:, :), stress(:, :)
     real(wp) :: first, start, norm   ! residuals: the first of all and of an elastic solution, now
-    real(wp) :: scale                ! of the weight
-    integer :: k
+    real(wp) :: scale, round_start   ! of the weight; residual where this round began
+    integer :: k, n
 
+    stands = .true.
     first = -1.0_wp
     if (.not. model%materials%is_nonlinear()) then
       call find_equilibrium(model, 0.0_wp, n_iteration, first, err, water_held=.true.)
@@ -67,17 +71,21 @@ contains
       call find_residual(model, residual, norm)
       model%relaxing = .false.
       if (first < 0.0_wp) first = norm
+      stands = .not. (mod(k, round) == 1 .and. k > 1 .and. norm > least_gain*round_start)
+      if (.not. stands) return
+      if (mod(k, round) == 1) round_start = norm
       if (norm <= balanced*max(scale, first)) return
       stress = model%particles%field(model%p%effective_stress)%values
       model%materials = elastic
       start = -1.0_wp
-      call find_equilibrium(model, correction, n_iteration, start, err, water_held=.true.)
+      n = 0
+      call find_equilibrium(model, correction, n, start, err, water_held=.true.)
+      n_iteration = n_iteration + n
       model%materials = soils
       if (err%failed()) return
       call take_strains(model, elastic, stress, err)
     end do
-    call err%set('the geostatic start found no equilibrium: a residual of '// &
-                 to_text(norm/first)//' of the first one is left; does the body stand?')
+    stands = .false.
   end subroutine find_geostatic_equilibrium
 
   function elastic_parts(soils) result(elastic)

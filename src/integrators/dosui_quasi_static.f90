@@ -37,6 +37,7 @@ module dosui_quasi_static
   real(wp), parameter :: largest_growth = 2.0_wp, least_growth = 0.3_wp, safety = 0.9_wp
   real(wp), parameter :: worthwhile = 1.25_wp         !! growth that pays for a new factorisation
   real(wp), parameter :: scale_share = 0.01_wp        !! of the largest pressure, in the norm [-]
+  real(wp), parameter :: noise_share = 1.0e-7_wp      !! of the pressures: no error is smaller [-]
   real(wp), parameter :: estimate_tolerance = 1.0e-3_wp   !! of the error's own solution [-]
   integer, parameter :: attempts = 40                 !! at one step: the first may be far too large
   integer, parameter :: solver_attempts = 12          !! of them that fail for the solver
@@ -621,7 +622,8 @@ contains
 
   subroutine estimate_error(self, model, dt, a, flow, start, pressure, error_norm, err)
     !! Error of the pressures: e_c = 2 k dt (F_n/g - F_g/(g (1 - g)) + F_1/(1 - g)) put through the
-    !! system, in a norm relative to the excess pressures.
+    !! system, in a norm relative to the excess pressures. A body at rest has none of these; its
+    !! error is the noise that solutions leave on the pressures themselves.
     class(quasi_static_t), intent(inout) :: self
     type(model_t), intent(inout) :: model
     real(wp), intent(in) :: dt, a                    !! [s]
@@ -648,7 +650,8 @@ contains
              model%particles%field(model%p%start_pressure)%values(1, 1:size(pressure))
     allowed = root_mean_square(model, excess)
     model%pressure_scale = max(model%pressure_scale, allowed)
-    allowed = model%scene%time%relative_tolerance*(allowed + scale_share*model%pressure_scale)
+    allowed = model%scene%time%relative_tolerance*(allowed + scale_share*model%pressure_scale) + &
+              noise_share*root_mean_square(model, start + pressure)
     if (allowed > 0.0_wp) error_norm = root_mean_square(model, error_pressure)/allowed
   end subroutine estimate_error
 

@@ -11,6 +11,8 @@ module dosui_water_balance
   implicit none
   private
 
+  real(wp), parameter :: through_flow_share = 1.0e-9_wp   ! of the inflow of one surface [-]
+
   public :: inflow_rate, surface_values, add_to_balance, balance_sums, balance_error
 
 contains
@@ -88,11 +90,12 @@ contains
   end subroutine balance_sums
 
   pure real(wp) function balance_error(sums) result(error)
-    !! What is missing in stored = inflow + squeezed, relative to the largest of them [-].
+    !! What is missing in stored = inflow + squeezed, relative to the largest of them [-], or to
+    !! the round-off of what only flows through.
     real(wp), intent(in) :: sums(:)   !! as from `balance_sums`
     real(wp) :: largest
 
-    largest = maxval(abs(sums(1:3)))
+    largest = max(maxval(abs(sums(1:3))), through_flow_share*maxval(abs(sums)))
     error = 0.0_wp
     if (largest > 0.0_wp) error = abs(sums(1) - sums(2) - sums(3))/largest
   end function balance_error

@@ -11,7 +11,7 @@ module dosui_materials
   implicit none
   private
 
-  public :: create_material
+  public :: create_material, weakened
 
   real(wp), parameter :: degree = acos(-1.0_wp)/180.0_wp
 
@@ -43,6 +43,32 @@ contains
       call create_material(materials(k), self%item(k)%model, err)
     end do
   end subroutine material_set_init
+
+  elemental function weakened(material, factor) result(weaker)
+    !! A material whose strength is divided by a factor: c/F and tan(phi)/F, before and after
+    !! softening, and the dilation and the tensile strength with them.
+    type(material_t), intent(in) :: material
+    real(wp), intent(in) :: factor   !! F [-]
+    type(material_t) :: weaker
+
+    weaker = material
+    weaker%cohesion = material%cohesion/factor
+    weaker%residual_cohesion = material%residual_cohesion/factor
+    weaker%friction_angle = flatter(material%friction_angle)
+    weaker%residual_friction_angle = flatter(material%residual_friction_angle)
+    weaker%dilation_angle = flatter(material%dilation_angle)
+    if (material%tensile_strength < huge(1.0_wp)) then
+      weaker%tensile_strength = material%tensile_strength/factor
+    end if
+
+  contains
+
+    pure real(wp) function flatter(angle)
+      real(wp), intent(in) :: angle   ! [deg]
+
+      flatter = atan(tan(degree*angle)/factor)/degree
+    end function flatter
+  end function weakened
 
   pure integer function material_set_n_state(self) result(n_state)
     !! State variables per particle that the neediest material asks for.

@@ -115,7 +115,8 @@ contains
     direction = maxloc(abs(normal), dim=1)
     do corner = 1, 2**ndim
       node = grid%cell_node(corner, cell)
-      distance = abs((position - grid%origin)/grid%spacing - real(grid%corner_index(corner, cell), wp))
+      distance = abs((position - grid%origin)/grid%spacing &
+                     - real(grid%corner_index(corner, cell), wp))
       if (distance(direction) > plane_tolerance) cycle
       if (any(distance > reach + plane_tolerance)) cycle
       mark(direction, node) = mark(direction, node) + sign(1.0_wp, normal(direction))

@@ -49,6 +49,9 @@ module dosui_scene
     real(wp) :: pivot(ndim) = 0.0_wp                 !! centre of both turns [m]
     real(wp) :: velocity(ndim) = 0.0_wp              !! initial velocity [m/s]
     type(hole_t), allocatable :: hole(:)             !! that are cut out of it
+    character(len=:), allocatable :: particle_file   !! not allocated: a lattice
+    real(wp), allocatable :: particle(:, :)          !! (ndim, n) of the file [m]
+    real(wp), allocatable :: particle_volume(:)      !! (n) if the file holds them [m3]
     real(wp) :: spin = 0.0_wp   !! initial angular velocity about pivot, x towards z [rad/s]
   end type region_t
 

@@ -297,6 +297,14 @@ contains
         if (ndim == 1 .and. abs(region%lattice_angle) > 0.0_wp) then
           call checker%complain('region', r, 'lattice_angle', 'has no meaning in 1-D')
         end if
+        if (allocated(region%particle_file)) then
+          if (region%jitter > 0.0_wp) call checker%complain('region', r, 'jitter', &
+                                                        'moves particles of lattices, not of files')
+          if (abs(region%lattice_angle) > 0.0_wp) then
+            call checker%complain('region', r, 'lattice_angle', &
+                                  'turns a lattice; this region takes its particles from a file')
+          end if
+        end if
         if (ndim == 1 .and. abs(region%spin) > 0.0_wp) then
           call checker%complain('region', r, 'spin', 'has no meaning in 1-D')
         end if

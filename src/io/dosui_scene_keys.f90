@@ -649,13 +649,19 @@ contains
                   key('cut_max', 'only the part below this corner', unit='m', &
                       only='shape = ''circle'' or ''sphere''', applies=is_round(region), &
                       undecided=region%shape == ''))
+    call v%text(region%particle_file, &
+                key('particle_file', 'a table (CSV) of particles takes the place of the '// &
+                    'lattice: x, (y,) z [m] and, if given, volume [m3; m2 in 2-D, m in 1-D] in '// &
+                    'each line; a first line with names picks these columns; # begins a '// &
+                    'comment. The shape still tells the faces', longest=1000))
     call v%real(region%particle_spacing, &
-                key('particle_spacing', 'of the lattice; 0: grid spacing / particles_per_cell', &
-                    unit='m', range='>= 0'))
+                key('particle_spacing', 'of the lattice; 0: grid spacing / particles_per_cell, '// &
+                    'or the mean one of particle_file', unit='m', range='>= 0'))
     call v%integer(region%particles_per_cell, &
                    key('particles_per_cell', 'particles per cell and direction', &
                        range='>= 1 and <= 100', only='particle_spacing = 0', &
-                       applies=.not. region%particle_spacing > 0.0_wp))
+                       applies=.not. region%particle_spacing > 0.0_wp .and. &
+                       .not. allocated(region%particle_file)))
     call v%real(region%jitter, &
                 key('jitter', 'largest random shift of a particle in each direction, in '// &
                     'particle spacings', unit='-', range='>= 0 and < 0.5'))

@@ -7,17 +7,21 @@ module dosui_scene_reader
   use dosui_directories, only: absolute_path, directory_problem
   use dosui_error, only: error_t
   use dosui_namelist, only: namelist_t, namelist_group_t, read_text_file, decimal_comma
+  use dosui_point_file, only: parse_points
   use dosui_problems, only: problems_t
-  use dosui_scene, only: scene_t, table_t, name_length
+  use dosui_scene, only: region_t, scene_t, table_t, name_length
   use dosui_scene_checks, only: check_scene
   use dosui_scene_echo, only: write_echo
   use dosui_scene_keys, only: key_visitor_t, key_t, group_t, scene_groups, allocate_group, &
                               visit_group, collect_keys, in_range, n_choice, choice_of
+  use dosui_shapes, only: shape_contains, shape_measure
   use dosui_text, only: lower_case, nearest_name, to_text
   implicit none
   private
 
   public :: read_scene, parse_scene
+
+  real(wp), parameter :: volume_tolerance = 0.01_wp   !! of what particles fill [-]
 
   type, extends(key_visitor_t) :: reader_t
     !! Takes the values of one group instance from the namelist.
@@ -73,6 +77,7 @@ contains
     call parse_scene(text, path, scene, problems, stem, directory)
     scene%base_motion%is_given = any(abs(scene%base_motion%acceleration) > 0.0_wp)
     if (allocated(scene%base_motion%file)) call read_motion(comm, path, scene, problems)
+    call read_particles(comm, path, scene, problems)
     reason = ''
     if (comm%is_root() .and. allocated(scene%output%directory)) then
       reason = directory_problem(scene%output%directory)
@@ -106,6 +111,58 @@ contains
                                               "'"//motion%file//"'", message)
     end associate
   end subroutine read_motion
+
+  subroutine read_particles(comm, path, scene, problems)
+    !! The particles of regions that take them from files. Collective.
+    type(communicator_t), intent(in) :: comm
+    character(len=*), intent(in) :: path      !! of the scene, for messages
+    type(scene_t), intent(inout) :: scene
+    type(problems_t), intent(inout) :: problems
+    character(len=:), allocatable :: text, message
+    integer, allocatable :: line(:)
+    type(error_t) :: read_error
+    integer :: r
+
+    do r = 1, size(scene%region)
+      associate (region => scene%region(r))
+        if (.not. allocated(region%particle_file)) cycle
+        if (comm%is_root()) call read_text_file(region%particle_file, text, read_error)
+        call comm%agree(read_error)
+        if (read_error%failed()) then
+          message = read_error%message
+          read_error = error_t()
+        else
+          call comm%broadcast(text)
+          call parse_points(text, region%particle, region%particle_volume, line, message)
+          if (len(message) == 0 .and. problems%count() == 0) then
+            call check_particles(region, line, message)
+          end if
+        end if
+        if (len(message) > 0) call problems%add(path, 0, 'region', 'particle_file', &
+                                                "'"//region%particle_file//"'", message)
+      end associate
+    end do
+  end subroutine read_particles
+
+  subroutine check_particles(region, line, message)
+    !! Do the particles of a file lie in their region, and do their volumes fill it?
+    type(region_t), intent(in) :: region
+    integer, intent(in) :: line(:)      !! of the file
+    character(len=:), allocatable, intent(inout) :: message
+    integer :: p
+    real(wp) :: filled
+
+    do p = 1, size(line)
+      if (shape_contains(region, region%particle(:, p), 0.0_wp)) cycle
+      message = 'line '//to_text(line(p))//": lies outside the region '"//trim(region%name)//"'"
+      return
+    end do
+    if (.not. allocated(region%particle_volume)) return
+    filled = sum(region%particle_volume)/shape_measure(region)
+    if (.not. abs(filled - 1.0_wp) <= volume_tolerance) then
+      message = 'its volumes make up '//to_text(filled)//' of the region''s'
+    end if
+  end subroutine check_particles
 
   subroutine parse_table(text, table, message)
     !! Two numbers in each line, blanks or a comma between them.

@@ -1,4 +1,4 @@
-!! Fills regions with particles on regular lattices.
+!! Fills regions with particles on regular lattices, or as files tell.
 !!
 !! Every rank seeds a contiguous share of each region's lattice; identities and jitter depend on
 !! the lattice only, so the particles are the same on any number of ranks.
@@ -37,7 +37,10 @@ contains
     type(region_t), intent(in) :: region
 
     spacing = region%particle_spacing
-    if (.not. spacing > 0.0_wp) spacing = scene%grid_spacing/real(region%particles_per_cell, wp)
+    if (spacing > 0.0_wp) return
+    spacing = scene%grid_spacing/real(region%particles_per_cell, wp)
+    if (allocated(region%particle)) spacing = (shape_measure(region)/ &
+                                        real(size(region%particle, 2), wp))**(1.0_wp/real(ndim, wp))
   end function region_spacing
 
   pure function region_lattice(region, spacing) result(lattice)
@@ -93,7 +96,8 @@ contains
     real(wp), allocatable :: position(:, :)
     integer(i8), allocatable :: id(:)
     integer(i8) :: first_id, total
-    real(wp) :: volume, spacing
+    real(wp), allocatable :: volume(:)
+    real(wp) :: spacing
     type(lattice_t) :: lattice
     integer :: r, k
 
@@ -101,7 +105,11 @@ contains
     do r = 1, size(scene%region)
       spacing = region_spacing(scene, scene%region(r))
       lattice = region_lattice(scene%region(r), spacing)
-      call seed_lattice(comm, scene%region(r), lattice, spacing, position, id)
+      if (allocated(scene%region(r)%particle)) then
+        call share_particles(comm, scene%region(r), position, id)
+      else
+        call seed_lattice(comm, scene%region(r), lattice, spacing, position, id)
+      end if
       total = comm%sum(int(size(id), i8))
       if (total == 0_i8) then
         problems = problems//"&region '"//trim(scene%region(r)%name)// &
@@ -113,7 +121,8 @@ contains
         problems = problems//"&region '"//trim(scene%region(r)%name)// &
                    "' overlaps an earlier region"//new_line('a')
       end if
-      volume = shape_measure(scene%region(r))/real(total, wp)
+      volume = spread(shape_measure(scene%region(r))/real(total, wp), 1, size(id))
+      if (allocated(scene%region(r)%particle_volume)) volume = scene%region(r)%particle_volume(id)
       ! Shares are in lattice order, so ranks before this one hold the lower identities.
       id = first_id + comm%prefix_sum(int(size(id), i8)) + [(int(k, i8), k=1, size(id))]
       call append(particles, handles, scene, r, position, id, volume)
@@ -151,6 +160,19 @@ contains
     position = position(:, 1:n)
     id = id(1:n)
   end subroutine seed_lattice
+
+  subroutine share_particles(comm, region, position, id)
+    !! This rank's share of the particles of a file: positions and numbers from 1.
+    type(communicator_t), intent(in) :: comm
+    type(region_t), intent(in) :: region
+    real(wp), allocatable, intent(out) :: position(:, :)
+    integer(i8), allocatable, intent(out) :: id(:)
+    integer(i8) :: total, k
+
+    total = size(region%particle, 2, i8)
+    id = [(k, k=total*comm%rank/comm%size + 1_i8, total*(comm%rank + 1_i8)/comm%size)]
+    position = region%particle(:, id)
+  end subroutine share_particles
 
   pure function lattice_point(lattice, number) result(position)
     !! Position of a lattice point; the last coordinate varies fastest.
@@ -217,7 +239,7 @@ contains
     integer, intent(in) :: r
     real(wp), intent(in) :: position(:, :)
     integer(i8), intent(in) :: id(:)
-    real(wp), intent(in) :: volume
+    real(wp), intent(in) :: volume(:)        !! [m3]
     integer :: m, first, last
     real(wp) :: density
 

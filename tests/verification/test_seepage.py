@@ -77,7 +77,7 @@ def test_dam_with_a_free_surface(dosui: Runner) -> None:
 def test_flow_under_a_sheet_pile(dosui: Runner, ranks: int) -> None:
     """Half the head difference, from the conformal map; errors fall with the spacing."""
     errors = []
-    for spacing in ("0.5", "0.25"):
+    for spacing in ("0.5", "0.25", "0.125"):
         text = scene_text("sheet_pile/scene.nml", spacing=spacing)
         run = dosui(text, ranks=ranks, folder=spacing)
         assert run.status == 0, run.stderr
@@ -92,6 +92,7 @@ def test_flow_under_a_sheet_pile(dosui: Runner, ranks: int) -> None:
     assert errors[0] < 0.05
     assert errors[1] < 0.025
     assert errors[1] < 0.6 * errors[0]
+    assert errors[2] < 0.015
 
 
 def test_a_barrier_changes_the_answer(dosui: Runner) -> None:

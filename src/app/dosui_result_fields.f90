@@ -28,6 +28,7 @@ contains
                 result_field_t('darcy_velocity', 'm/s', 3), fields]
     end if
     if (model%unsaturated) fields = [fields, result_field_t('saturation', '-', 1)]
+    if (model%finds_surface) fields = [fields, result_field_t('surface', '-', 1)]
     if (model%p%state == 0) return
     do m = 1, size(model%materials%item)
       associate (material => model%materials%item(m)%model)

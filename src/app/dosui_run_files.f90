@@ -10,6 +10,7 @@ module dosui_run_files
   use dosui_probes, only: add_probe_columns, probe_value
   use dosui_result_fields, only: field_values, points_in_space, result_fields
   use dosui_result_file, only: result_field_t, result_file_t, result_layout_t
+  use dosui_surface_renewal, only: free_area
   use dosui_water_balance, only: balance_error, balance_sums
   implicit none
   private
@@ -105,9 +106,21 @@ contains
       end do
       if (model%sources%has_water) call history%add_column('inflow_sources', 'm3', column, err)
     end if
+    do c = 1, size(model%scene%surface)
+      if (.not. has_area(model, c)) cycle
+      call history%add_column('area_'//trim(model%scene%surface(c)%name), 'm2', column, err)
+    end do
     call add_probe_columns(model%scene%probe, &
                            result_fields(model), history, err)
   end subroutine define_history
+
+  pure logical function has_area(model, surface)
+    !! Is the area of a surface among the histories?
+    type(model_t), intent(in) :: model
+    integer, intent(in) :: surface
+
+    has_area = model%finds_surface .and. model%scene%surface(surface)%face == 'free'
+  end function has_area
 
   subroutine run_files_sample(self, model)
     !! Adds a row to the histories when its time has come. Collective.
@@ -136,6 +149,9 @@ contains
       k = size(water) - merge(0, 1, model%sources%has_water)
       row = [row, water(1:3), balance_error(water), water(4:k)]
     end if
+    do k = 1, size(model%scene%surface)
+      if (has_area(model, k)) row = [row, free_area(model, k)]
+    end do
     row = [row, (probe_value(model, model%scene%probe(k)), k=1, size(model%scene%probe))]
     if (model%comm%is_root()) call self%history%append(row)
   end subroutine run_files_sample

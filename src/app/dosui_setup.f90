@@ -41,6 +41,7 @@ contains
     model%coupled = scene%water_mode == 'saturated'
     model%rigid = all(scene%material%rigid)
     model%updated = scene%deformation == 'updated'
+    model%finds_surface = model%updated .and. any(scene%surface%face == 'free')
     model%averaged = scene%mechanics%average_volume_change .and. .not. model%rigid
     model%finite = scene%deformation == 'finite'
     model%centred = model%averaged .and. .not. model%finite .and. &
@@ -67,7 +68,7 @@ contains
     needs = field_needs_t(coupled=model%coupled, affine=affine, updated=model%updated, &
                           finite=model%finite, adaptive=model%integrator == 'quasi_static', &
                           switching=model%switching, unsaturated=model%unsaturated, &
-                          n_state=model%materials%n_state())
+                          finds_surface=model%finds_surface, n_state=model%materials%n_state())
     call register_particle_fields(model%particles, model%p, needs)
     call register_surface_fields(model%surface, model%s, needs)
     call add_timers(model)

@@ -58,6 +58,7 @@ module dosui_model
     logical :: unsaturated = .false. !! suction empties pores
     logical :: nonlinear = .false.   !! small-strain steps need Newton's iterations
     logical :: switching = .false.   !! surface points may change between head and flux
+    logical :: finds_surface = .false.   !! free surfaces are found as bodies move
     integer :: inverted = 0          !! a particle that lost all its volume; 0: none
     logical :: relaxing = .false.    !! an equilibrium is sought: particles keep their places
     logical :: averaged = .false.    !! volume change is averaged over cells
@@ -79,6 +80,7 @@ module dosui_model
     integer, allocatable :: patch(:)          !! nodes' patch of each particle
     integer, allocatable :: cell(:)           !! cell of each particle
     integer, allocatable :: surface_cell(:)   !! cell of each owned surface point
+    logical, allocatable :: surface_node(:)   !! nodes of surface points' cells, of any rank
     real(wp), allocatable :: nodal(:, :)      !! (1 + 2 ndim, n_node) mass, momentum, force
     real(wp), allocatable :: velocity_old(:, :)   !! (ndim, n_node) before the step [m/s]
     real(wp), allocatable :: velocity(:, :)       !! (ndim, n_node) after the step [m/s]
@@ -114,7 +116,7 @@ module dosui_model
     real(wp), allocatable :: relative(:)      !! k_r of owned and ghost particles, with suction [-]
     real(wp), allocatable :: point_relative(:)   !! k_r of surface points, likewise [-]
     real(wp) :: spacing = 0.0_wp              !! smallest particle spacing [m]
-    real(wp) :: largest_row_sum = 0.0_wp      !! of this rank's head operator [1/(m s)]
+    real(wp) :: largest_row_sum = 0.0_wp      !! of all ranks' head operators [1/(m s)]
     real(wp) :: diffusion_limit = huge(1.0_wp)   !! explicit limit of the water's diffusion [s]
     integer :: substeps = 1                   !! of the water in a step of the skeleton
     integer :: stages = 0                     !! of super-time-stepping; 0: Euler sub-steps

@@ -497,16 +497,12 @@ contains
     type(model_t), intent(inout) :: model
     real(wp), intent(out) :: sums(:, :)   !! (weight, strain, rotation; n_node)
     real(wp), allocatable :: cell_sums(:, :)
-    logical, allocatable :: is_near(:), is_wanted(:)   ! nodes of the surface's cells; their cells
+    logical, allocatable :: is_wanted(:)   ! cells that touch the surface's nodes
     integer :: c, k, p
 
-    allocate (is_near(model%grid%n_node), source=.false.)
-    do p = 1, model%surface%count
-     if (model%surface_cell(p) > 0) is_near(model%grid%cell_node(:, model%surface_cell(p))) = .true.
-    end do
     allocate (is_wanted(model%grid%n_cell))
     do c = 1, model%grid%n_cell
-      is_wanted(c) = any(is_near(model%grid%cell_node(:, c)))
+      is_wanted(c) = any(model%surface_node(model%grid%cell_node(:, c)))
     end do
     allocate (cell_sums(size(sums, 1), model%grid%n_cell), source=0.0_wp)
     do p = 1, model%particles%count

@@ -6,6 +6,7 @@ module dosui_topology
   use dosui_barriers, only: cut_neighbours, cut_points
   use dosui_cell_average, only: cell_sums
   use dosui_error, only: error_t
+  use dosui_free_surface, only: hide_across_air
   use dosui_ghosts, only: find_ghosts
   use dosui_head_operator, only: kind_head
   use dosui_keys, only: pack_key
@@ -18,6 +19,7 @@ module dosui_topology
   use dosui_pore_water, only: compressibility_at
   use dosui_shape_functions, only: shape_kind_of, shape_shift
   use dosui_sort, only: binary_search
+  use dosui_surface_renewal, only: renew_surface
   use dosui_water_step, only: set_surface_data
   implicit none
   private
@@ -53,6 +55,11 @@ contains
     call send_home(model, model%particles, model%particles%field(build_handle(model))%values)
     call inward_positions(model, inside)
     call send_home(model, model%surface, inside)
+    if (model%finds_surface .and. anew) then
+      call renew_surface(model, changes=model%clock%step > 0)
+      call inward_positions(model, inside)
+      call send_home(model, model%surface, inside)
+    end if
     call sort_points(model)
   end subroutine distribute
 
@@ -324,14 +331,25 @@ contains
   end subroutine allocate_arrays
 
   subroutine locate_surface(model, inside)
-    !! Cells of the surface points.
+    !! Cells of the surface points, and in updated scenes the nodes of all ranks' such cells.
+    !! Collective.
     type(model_t), intent(inout) :: model
     real(wp), intent(in) :: inside(:, :)
     integer, allocatable :: patch(:)
-    integer :: n_lost
+    real(wp), allocatable :: touches(:, :)
+    integer :: n_lost, p
 
     allocate (patch(model%surface%count), source=0)
     call model%grid%locate(model%surface%count, inside, patch, model%surface_cell, n_lost)
+    if (.not. model%updated) return
+    allocate (touches(1, model%grid%n_node), source=0.0_wp)
+    do p = 1, model%surface%count
+      if (model%surface_cell(p) == 0) cycle
+      touches(1, model%grid%cell_node(:, model%surface_cell(p))) = 1.0_wp
+    end do
+    call model%grid%node_map%scatter_add(model%comm, 1, touches)
+    call model%grid%node_map%gather(model%comm, 1, touches)
+    model%surface_node = touches(1, :) > 0.5_wp
   end subroutine locate_surface
 
   subroutine build_conditions(model, handle)
@@ -517,7 +535,7 @@ contains
     type(model_t), intent(inout) :: model
     integer, intent(in) :: handle   !! positions that the geometry is built from
     integer, allocatable :: row_start(:), neighbour(:), point_start(:), point_neighbour(:)
-    integer, allocatable :: patch(:), surface(:)
+    integer, allocatable :: patch(:), surface(:), seen_start(:), seen(:)
     logical, allocatable :: has_head(:)
     real(wp) :: radius
     integer :: n, n_local, m, m_local, surface_handle
@@ -549,6 +567,18 @@ contains
         call cut_points(model%barrier, max(-surface, 0), x(:, 1:n), xs(:, 1:m_local), &
                         field(model%s%normal)%values(:, 1:m_local), point_start, point_neighbour)
       end if
+      if (model%finds_surface) then
+        associate (normal => field(model%s%normal)%values(:, 1:m_local))
+          call hide_across_air(n, x(:, 1:n), model%spacing, xs(:, 1:m_local), normal, point_start, &
+                               point_neighbour, x(:, 1:n_local), row_start, neighbour)
+          seen_start = point_start
+          seen = point_neighbour
+          call hide_across_air(n, x(:, 1:n), model%spacing, xs(:, 1:m_local), normal, point_start, &
+                               point_neighbour, xs(:, 1:m_local), seen_start, seen)
+          call move_alloc(seen_start, point_start)
+          call move_alloc(seen, point_neighbour)
+        end associate
+      end if
       patch = nint(field(model%s%patch)%values(1, 1:m_local))
       allocate (has_head(m_local), source=.false.)
       if (model%switching) has_head = field(model%s%has_head)%values(1, 1:m_local) > 0.5_wp
@@ -578,7 +608,7 @@ contains
                                     model%hydraulic_conditions%may_switch, point_start, &
                                     point_neighbour)
     end associate
-    model%largest_row_sum = model%head_operator%largest_row_sum()
+    model%largest_row_sum = model%comm%maximum(model%head_operator%largest_row_sum())
     call refresh_storage(model)
   end subroutine build_water
 
@@ -624,7 +654,7 @@ contains
     !! updated scenes they follow porosities and the particles' cells, step by step. Collective.
     type(model_t), intent(inout) :: model
     real(wp), allocatable :: compressibility(:), softness(:), cells(:, :), blocks(:, :), sums(:)
-    real(wp) :: tau_cell, tau_block, row_sum, modulus
+    real(wp) :: tau_cell, tau_block, row_sum, modulus, least
     logical :: plain   ! no projection
     integer :: n, p
 
@@ -662,12 +692,11 @@ contains
                                 block_a, block_s(1, :))
       end block
     end associate
-    model%diffusion_limit = huge(1.0_wp)
-    if (n > 0) then
-      row_sum = max(model%largest_row_sum, tiny(1.0_wp)*1.0e9_wp)
-      model%diffusion_limit = 2.0_wp*model%scene%water%unit_weight*minval(compressibility)/row_sum
-    end if
-    model%diffusion_limit = model%comm%minimum(model%diffusion_limit)
+    least = 1.0_wp
+    if (n > 0) least = minval(compressibility)
+    least = model%comm%minimum(least)
+    row_sum = max(model%largest_row_sum, tiny(1.0_wp)*1.0e9_wp)
+    model%diffusion_limit = 2.0_wp*model%scene%water%unit_weight*least/row_sum
 
   contains
 

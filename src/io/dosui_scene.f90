@@ -135,7 +135,7 @@ module dosui_scene
     character(len=name_length) :: name = ''
     character(len=name_length) :: region = ''
     character(len=name_length) :: face = ''
-    !! 'x-', 'x+', 'y-', 'y+', 'z-', 'z+', 'all' or 'edge1'...
+    !! 'x-', 'x+', 'y-', 'y+', 'z-', 'z+', 'all', 'edge1'... or 'free'
     real(wp) :: box_min(ndim) = -huge(1.0_wp)        !! keep only points above [m]
     real(wp) :: box_max(ndim) = huge(1.0_wp)         !! keep only points below [m]
   end type surface_t

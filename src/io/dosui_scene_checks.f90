@@ -506,6 +506,10 @@ contains
         end if
         r = findloc(scene%region%name == surface%region, .true., dim=1)
         if (r == 0 .or. surface%face == '') cycle
+        if (surface%face == 'free') then
+          call check_free_surface(checker, scene, s)
+          cycle
+        end if
         if (scene%region(r)%shape == '') cycle
         if (scene%region(r)%shape == 'polygon' .and. &
             .not. allocated(scene%region(r)%vertices)) cycle
@@ -519,6 +523,31 @@ contains
       end associate
     end do
   end subroutine check_surfaces
+
+  subroutine check_free_surface(checker, scene, s)
+    !! One a region, whole, and not held by anything.
+    type(checker_t), intent(inout) :: checker
+    type(scene_t), intent(in) :: scene
+    integer, intent(in) :: s
+    integer :: c
+
+    associate (surface => scene%surface(s))
+      if (any(scene%surface(:s - 1)%face == 'free' .and. &
+              scene%surface(:s - 1)%region == surface%region)) then
+        call checker%complain('surface', s, 'face', 'its region has a free surface already')
+      end if
+      if (any(surface%box_min > -huge(1.0_wp)) .or. any(surface%box_max < huge(1.0_wp))) then
+        call checker%complain('surface', s, 'box_min', 'a free surface is no part of a face')
+      end if
+      do c = 1, size(scene%mechanical_condition)
+        if (scene%mechanical_condition(c)%surface /= surface%name .or. &
+            scene%mechanical_condition(c)%kind == '') cycle
+        if (scene%mechanical_condition(c)%is_load()) cycle
+        call checker%complain('mechanical_condition', c, 'kind', 'nothing holds or moves a '// &
+                              'free surface: name the face, or take a &rigid_wall')
+      end do
+    end associate
+  end subroutine check_free_surface
 
   subroutine list_faces(scene, r, faces)
     !! Names of the faces of a region.

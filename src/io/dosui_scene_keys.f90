@@ -747,7 +747,9 @@ contains
     call v%name(surface%face, &
                 key('face', 'face of the unturned box (x-, x+, y-, y+, z-, z+), edge of a '// &
                     'polygon (edge1, edge2, ...), round of a circle or sphere, whose cuts are '// &
-                    'called like a box''s faces, or all', required=.true.))
+                    'called like a box''s faces, or all; free: what no other surface names, '// &
+                    'with deformation = ''updated'' also what comes to be as bodies tear, '// &
+                    'spread and meet', required=.true.))
     call v%vector(surface%box_min, &
                   key('box_min', 'only the part of the face above this corner', unit='m'))
     call v%vector(surface%box_max, &

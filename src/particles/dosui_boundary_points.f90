@@ -13,9 +13,10 @@ module dosui_boundary_points
   implicit none
   private
 
-  public :: seed_boundary_points
+  public :: seed_boundary_points, add_point, free_surface_of
 
   real(wp), parameter :: probe_depth = 0.25_wp   !! of the look outside [spacings]
+  real(wp), parameter :: on_wall = 1.0e-6_wp     !! distance of points on rigid walls [spacings]
 
 contains
 
@@ -46,6 +47,7 @@ contains
     if (allocated(scene%barrier)) call seed_barriers(comm, scene, patch, id, points, handles)
     do s = 1, size(scene%surface)
       if (comm%any(touched(s))) cycle
+      if (scene%surface(s)%face == 'free' .and. handles%free > 0) cycle   ! it may come to be
       problems = problems//"&surface '"//trim(scene%surface(s)%name)// &
                  "' touches no particle: check region, face and box"//new_line('a')
     end do
@@ -63,9 +65,11 @@ contains
     type(surface_handles_t), intent(in) :: handles
     logical, intent(inout) :: touched(:)
     integer(i8) :: total, k, first, last
-    integer :: s
+    integer :: s, free
+    logical :: is_free
     real(wp) :: spacing, x(ndim), normal(ndim), area
 
+    free = free_surface_of(scene, r)
     spacing = region_spacing(scene, scene%region(r))
     total = piece_count(face, spacing)
     first = total*comm%rank/comm%size + 1_i8
@@ -75,8 +79,13 @@ contains
       if (.not. area > 0.0_wp) cycle
       if (is_interior(scene, r, x + probe_depth*spacing*normal)) cycle
       s = surface_of(scene, r, face, x)
+      is_free = s == 0 .and. free > 0
+      if (is_free .and. .not. lies_on_wall(scene, x, normal, on_wall*spacing)) s = free
       if (s > 0) touched(s) = .true.
       call add_point(scene, r, id + k, x, normal, area, s, first_patch + s, points, handles)
+      if (is_free .and. handles%free > 0) then
+        points%field(handles%free)%values(1, points%count) = real(free, wp)
+      end if
     end do
     id = id + total
   end subroutine seed_face
@@ -170,7 +179,7 @@ contains
   end function is_interior
 
   pure integer function surface_of(scene, r, face, position) result(surface)
-    !! The last surface of the scene that selects this piece, 0 for none.
+    !! The last surface of the scene that names this piece, 0 for none.
     type(scene_t), intent(in) :: scene
     integer, intent(in) :: r
     type(face_t), intent(in) :: face
@@ -187,4 +196,35 @@ contains
       end associate
     end do
   end function surface_of
+
+  pure integer function free_surface_of(scene, region) result(surface)
+    !! The surface that takes what no other one of a region names, 0 for none.
+    type(scene_t), intent(in) :: scene
+    integer, intent(in) :: region
+    integer :: s
+
+    surface = 0
+    do s = 1, size(scene%surface)
+      if (scene%surface(s)%face == 'free' .and. &
+          scene%surface(s)%region == scene%region(region)%name) surface = s
+    end do
+  end function free_surface_of
+
+  pure logical function lies_on_wall(scene, position, normal, tolerance)
+    !! Does a piece of surface lie on a rigid wall?
+    type(scene_t), intent(in) :: scene
+    real(wp), intent(in) :: position(ndim)   !! [m]
+    real(wp), intent(in) :: normal(ndim)     !! outward [-]
+    real(wp), intent(in) :: tolerance        !! [m]
+    real(wp) :: wall_normal(ndim)
+    integer :: k
+
+    lies_on_wall = .false.
+    if (.not. allocated(scene%rigid_wall)) return
+    do k = 1, size(scene%rigid_wall)
+      wall_normal = scene%rigid_wall(k)%normal/norm2(scene%rigid_wall(k)%normal)
+      if (dot_product(position - scene%rigid_wall(k)%position, wall_normal) <= tolerance .and. &
+          dot_product(normal, wall_normal) < -0.5_wp) lies_on_wall = .true.
+    end do
+  end function lies_on_wall
 end module dosui_boundary_points

@@ -25,6 +25,8 @@ module dosui_particle_fields
     integer :: reference_volume = 0   !! before any deformation, finite strains [m3]
     integer :: state = 0              !! state variables of the materials
     integer :: start_pressure = 0     !! pore pressure before any load, adaptive steps only [Pa]
+    integer :: region = 0             !! index into the scene's regions, if surfaces are found
+    integer :: surface = 0            !! 1 on the free surface, if it is found, else 0 [-]
   end type particle_handles_t
 
   type, public :: surface_handles_t
@@ -42,6 +44,7 @@ module dosui_particle_fields
     integer :: reference_area = 0     !! outward area before any deformation, finite strains [m2]
     integer :: has_head = 0           !! 1 where a point that may switch has a head now [-]
     integer :: material = 0           !! of the region, in scenes with suction [-]
+    integer :: free = 0               !! the free surface it is or may become part of, 0: none
   end type surface_handles_t
 
   type, public :: field_needs_t
@@ -53,6 +56,7 @@ module dosui_particle_fields
     logical :: adaptive = .false.      !! steps are chosen by their error
     logical :: switching = .false.     !! surface points may change between head and flux
     logical :: unsaturated = .false.   !! suction empties pores
+    logical :: finds_surface = .false. !! free surfaces are found as bodies move
     integer :: n_state = 0             !! state variables of the materials
   end type field_needs_t
 
@@ -84,6 +88,10 @@ contains
       handles%deformation = set%add('deformation', '-', ndim*ndim, yes, no, no, yes)
       handles%reference_volume = set%add('reference_volume', 'm3', 1, yes, no, no, yes)
     end if
+    if (needs%finds_surface) then
+      handles%region = set%add('region', '-', 1, yes, no, no, yes)
+      handles%surface = set%add('surface', '-', 1, yes, no, yes, yes)
+    end if
     if (.not. needs%coupled) return
     handles%pore_pressure = set%add('pore_pressure', 'Pa', 1, yes, no, yes, yes)
     handles%conductivity = set%add('conductivity', 'm/s', 1, yes, yes, no, yes)
@@ -100,7 +108,7 @@ contains
 
     handles%position = set%add('position', 'm', ndim, yes, yes, no, yes)
     handles%normal = set%add('normal', '-', ndim, yes, yes, no, yes)
-    handles%area = set%add('area', 'm2', 1, yes, no, no, yes)
+    handles%area = set%add('area', 'm2', 1, yes, yes, no, yes)
     handles%surface = set%add('surface', '-', 1, yes, yes, no, yes)
     handles%patch = set%add('patch', '-', 1, yes, yes, no, yes)
     handles%displacement = set%add('displacement', 'm', ndim, yes, no, no, yes)
@@ -110,6 +118,7 @@ contains
     if (needs%updated) handles%outward_area = set%add('outward_area', 'm2', ndim, yes, no, no, yes)
     if (needs%switching) handles%has_head = set%add('has_head', '-', 1, yes, yes, no, yes)
     if (needs%unsaturated) handles%material = set%add('material', '-', 1, yes, yes, no, yes)
+    if (needs%finds_surface) handles%free = set%add('free', '-', 1, yes, no, no, yes)
     if (.not. needs%finite) return
     handles%deformation = set%add('deformation', '-', ndim*ndim, yes, no, no, yes)
     handles%reference_area = set%add('reference_area', 'm2', ndim, yes, no, no, yes)

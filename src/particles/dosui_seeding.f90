@@ -258,6 +258,7 @@ contains
       field(handles%mass)%values(1, first:last) = volume*density
       field(handles%porosity)%values(1, first:last) = scene%material(m)%porosity
       field(handles%material)%values(1, first:last) = real(m, wp)
+      if (handles%region > 0) field(handles%region)%values(1, first:last) = real(r, wp)
       if (handles%conductivity > 0) field(handles%conductivity)%values(1, first:last) = &
         scene%material(m)%hydraulic_conductivity
     end associate

@@ -1,6 +1,7 @@
 !! The files of a run: result file, histories and checkpoints.
 module dosui_run_files
   use dosui_kinds, only: wp, i8
+  use dosui_dimension, only: axis, ndim
   use dosui_build_info, only: compiler, flags, git_hash, version
   use dosui_checkpoint, only: checkpoint_reader_t, checkpoint_writer_t
   use dosui_error, only: error_t
@@ -16,6 +17,8 @@ module dosui_run_files
   private
 
   integer, parameter :: default_rows = 1000   !! history entries when the scene gives no interval
+
+  character(len=1), parameter :: axis_name(3) = ['x', 'y', 'z']
 
   type, public :: run_files_t
     !! Open files and waiting history rows of a run.
@@ -106,6 +109,14 @@ contains
       end do
       if (model%sources%has_water) call history%add_column('inflow_sources', 'm3', column, err)
     end if
+    if (allocated(model%scene%rigid_wall)) then
+      do c = 1, ndim
+        call history%add_column('momentum_'//axis_name(axis(c)), 'kg m/s', column, err)
+      end do
+      do c = 1, ndim
+        call history%add_column('impulse_walls_'//axis_name(axis(c)), 'N s', column, err)
+      end do
+    end if
     do c = 1, size(model%scene%surface)
       if (.not. has_area(model, c)) cycle
       call history%add_column('area_'//trim(model%scene%surface(c)%name), 'm2', column, err)
@@ -121,6 +132,23 @@ contains
 
     has_area = model%finds_surface .and. model%scene%surface(surface)%face == 'free'
   end function has_area
+
+  function momenta(model) result(sums)
+    !! Momentum of the bodies [kg m/s], then the impulse that rigid walls have given them [N s].
+    !! Collective.
+    type(model_t), intent(in) :: model
+    real(wp) :: sums(2*ndim)
+    integer :: p
+
+    sums(:ndim) = 0.0_wp
+    sums(ndim + 1:) = model%balance%wall_impulse
+    associate (field => model%particles%field, h => model%p)
+      do p = 1, model%particles%count
+        sums(:ndim) = sums(:ndim) + field(h%mass)%values(1, p)*field(h%velocity)%values(:, p)
+      end do
+    end associate
+    call model%comm%sum_array(sums)
+  end function momenta
 
   subroutine run_files_sample(self, model)
     !! Adds a row to the histories when its time has come. Collective.
@@ -149,6 +177,7 @@ contains
       k = size(water) - merge(0, 1, model%sources%has_water)
       row = [row, water(1:3), balance_error(water), water(4:k)]
     end if
+    if (allocated(model%scene%rigid_wall)) row = [row, momenta(model)]
     do k = 1, size(model%scene%surface)
       if (has_area(model, k)) row = [row, free_area(model, k)]
     end do
@@ -189,7 +218,8 @@ contains
     type(model_t), intent(inout) :: model
     type(error_t), intent(inout) :: err
     type(checkpoint_writer_t) :: writer
-    real(wp), allocatable :: balance(:)
+    real(wp), allocatable :: balance(:), impulse(:)
+
     call self%result%write_history(model%comm, self%history, err)   ! a restart keeps no rows
     call writer%begin(model%comm, self%stem//'.restart.h5', model%scene%text, git_hash, err)
     call writer%write_values(model%comm, 'clock', &
@@ -199,6 +229,10 @@ contains
                               model%density, model%next_dt, model%pressure_scale], err)
     call balance_sums(model, balance)
     call writer%write_values(model%comm, 'balance', balance, err)
+    if (allocated(model%scene%rigid_wall)) then
+      impulse = momenta(model)
+      call writer%write_values(model%comm, 'wall_impulse', impulse(ndim + 1:), err)
+    end if
     call writer%write_values(model%comm, 'bricks', brick_table(model), err)
     call writer%write_set(model%comm, 'particles', model%particles, err)
     call writer%write_set(model%comm, 'surface', model%surface, err)
@@ -214,12 +248,15 @@ contains
     logical, intent(out) :: same_ranks
     type(error_t), intent(inout) :: err
     type(checkpoint_reader_t) :: reader
-    real(wp), allocatable :: clock(:), bricks(:), balance(:)
+    real(wp), allocatable :: clock(:), bricks(:), balance(:), impulse(:)
 
     same_ranks = .false.
     call reader%begin(model%comm, path, err)
     if (.not. err%failed()) call reader%read_values(model%comm, 'clock', clock, err)
     if (.not. err%failed()) call reader%read_values(model%comm, 'balance', balance, err)
+    if (allocated(model%scene%rigid_wall) .and. .not. err%failed()) then
+      call reader%read_values(model%comm, 'wall_impulse', impulse, err)
+    end if
     if (.not. err%failed()) call reader%read_values(model%comm, 'bricks', bricks, err)
     if (.not. err%failed()) call reader%read_set(model%comm, 'particles', model%particles, err)
     if (.not. err%failed()) call reader%read_set(model%comm, 'surface', model%surface, err)
@@ -242,6 +279,7 @@ contains
     model%balance%stored = balance(1)
     model%balance%squeezed = balance(3)
     model%balance%inflow = balance(4:)
+    if (allocated(impulse)) model%balance%wall_impulse = impulse
   end subroutine run_files_read_checkpoint
 
   function brick_table(model) result(table)

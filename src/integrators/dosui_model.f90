@@ -2,6 +2,7 @@
 !! they touch, conditions, and (in coupled scenes only) the water's operators.
 module dosui_model
   use dosui_kinds, only: wp, i8
+  use dosui_dimension, only: ndim
   use dosui_barriers, only: barrier_face_t
   use dosui_cell_average, only: cell_average_t
   use dosui_cell_quadrature, only: cell_quadrature_t
@@ -40,6 +41,7 @@ module dosui_model
     real(wp), allocatable :: inflow(:)   !! through each hydraulic condition, and of sources [m3]
     real(wp) :: squeezed = 0.0_wp    !! water displaced by the skeleton's volume change [m3]
     real(wp) :: stored = 0.0_wp      !! water stored by compression since the start [m3]
+    real(wp) :: wall_impulse(ndim) = 0.0_wp   !! of rigid walls on the bodies [N s]
   end type balance_t
 
   type, public :: model_t

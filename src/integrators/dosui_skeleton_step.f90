@@ -246,11 +246,26 @@ contains
                                       model%clock%time + model%clock%dt, model%clock%dt, &
                                       max(model%nodal(1, :), model%inertia), model%velocity_old, &
                                       model%velocity)
-    if (allocated(model%scene%rigid_wall)) then
-      call meet_walls(model%scene%rigid_wall, model%grid, model%velocity)
-    end if
+    if (allocated(model%scene%rigid_wall)) call meet_rigid_walls(model)
     call model%timers%stop(model%phase%nodes)
   end subroutine update_nodes
+
+  subroutine meet_rigid_walls(model)
+    !! Stops nodes at rigid walls, and books the impulse that these give.
+    type(model_t), intent(inout) :: model
+    real(wp), allocatable :: before(:, :)
+    integer :: i
+
+    before = model%velocity
+    call meet_walls(model%scene%rigid_wall, model%grid, model%velocity)
+    if (model%relaxing) return
+    associate (impulse => model%balance%wall_impulse)
+      do i = 1, model%grid%n_node
+        if (.not. model%grid%node_map%is_owned(i)) cycle
+        impulse = impulse + model%nodal(1, i)*(model%velocity(:, i) - before(:, i))
+      end do
+    end associate
+  end subroutine meet_rigid_walls
 
   subroutine nodal_accelerations(model, acceleration)
     !! Accelerations of nodes at rest under the forces at hand; held nodes stay where they are.

@@ -116,6 +116,9 @@ contains
       do c = 1, ndim
         call history%add_column('impulse_walls_'//axis_name(axis(c)), 'N s', column, err)
       end do
+      do c = 1, ndim
+        call history%add_column('impulse_lost_'//axis_name(axis(c)), 'N s', column, err)
+      end do
     end if
     do c = 1, size(model%scene%surface)
       if (.not. has_area(model, c)) cycle
@@ -134,14 +137,14 @@ contains
   end function has_area
 
   function momenta(model) result(sums)
-    !! Momentum of the bodies [kg m/s], then the impulse that rigid walls have given them [N s].
-    !! Collective.
+    !! Momentum of the bodies [kg m/s], then impulses that rigid walls have given them and
+    !! that were lost at almost massless nodes [N s]. Collective.
     type(model_t), intent(in) :: model
-    real(wp) :: sums(2*ndim)
+    real(wp) :: sums(3*ndim)
     integer :: p
 
     sums(:ndim) = 0.0_wp
-    sums(ndim + 1:) = model%balance%wall_impulse
+    sums(ndim + 1:) = [model%balance%wall_impulse, model%balance%lost_impulse]
     associate (field => model%particles%field, h => model%p)
       do p = 1, model%particles%count
         sums(:ndim) = sums(:ndim) + field(h%mass)%values(1, p)*field(h%velocity)%values(:, p)
@@ -279,7 +282,10 @@ contains
     model%balance%stored = balance(1)
     model%balance%squeezed = balance(3)
     model%balance%inflow = balance(4:)
-    if (allocated(impulse)) model%balance%wall_impulse = impulse
+    if (allocated(impulse)) then
+      model%balance%wall_impulse = impulse(:ndim)
+      model%balance%lost_impulse = impulse(ndim + 1:)
+    end if
   end subroutine run_files_read_checkpoint
 
   function brick_table(model) result(table)

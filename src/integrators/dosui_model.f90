@@ -42,6 +42,7 @@ module dosui_model
     real(wp) :: squeezed = 0.0_wp    !! water displaced by the skeleton's volume change [m3]
     real(wp) :: stored = 0.0_wp      !! water stored by compression since the start [m3]
     real(wp) :: wall_impulse(ndim) = 0.0_wp   !! of rigid walls on the bodies [N s]
+    real(wp) :: lost_impulse(ndim) = 0.0_wp   !! of forces on almost massless nodes, reversed [N s]
   end type balance_t
 
   type, public :: model_t

@@ -251,7 +251,8 @@ contains
   end subroutine update_nodes
 
   subroutine meet_rigid_walls(model)
-    !! Stops nodes at rigid walls, and books the impulse that these give.
+    !! Stops nodes at rigid walls. Books the impulse that these give, and what nodes do not get
+    !! that particles hardly touch.
     type(model_t), intent(inout) :: model
     real(wp), allocatable :: before(:, :)
     integer :: i
@@ -259,10 +260,13 @@ contains
     before = model%velocity
     call meet_walls(model%scene%rigid_wall, model%grid, model%velocity)
     if (model%relaxing) return
-    associate (impulse => model%balance%wall_impulse)
+    associate (balance => model%balance, nodal => model%nodal)
       do i = 1, model%grid%n_node
         if (.not. model%grid%node_map%is_owned(i)) cycle
-        impulse = impulse + model%nodal(1, i)*(model%velocity(:, i) - before(:, i))
+        balance%wall_impulse = balance%wall_impulse + &
+                               nodal(1, i)*(model%velocity(:, i) - before(:, i))
+        if (nodal(1, i) > light_node_mass(model)) cycle
+        balance%lost_impulse = balance%lost_impulse - model%clock%dt*nodal(2 + ndim:, i)
       end do
     end associate
   end subroutine meet_rigid_walls

@@ -6,7 +6,6 @@ module dosui_topology
   use dosui_barriers, only: cut_neighbours, cut_points
   use dosui_cell_average, only: cell_sums
   use dosui_error, only: error_t
-  use dosui_free_surface, only: hide_across_air
   use dosui_ghosts, only: find_ghosts
   use dosui_head_operator, only: kind_head
   use dosui_keys, only: pack_key
@@ -535,7 +534,7 @@ contains
     type(model_t), intent(inout) :: model
     integer, intent(in) :: handle   !! positions that the geometry is built from
     integer, allocatable :: row_start(:), neighbour(:), point_start(:), point_neighbour(:)
-    integer, allocatable :: patch(:), surface(:), seen_start(:), seen(:)
+    integer, allocatable :: patch(:), surface(:)
     logical, allocatable :: has_head(:)
     real(wp) :: radius
     integer :: n, n_local, m, m_local, surface_handle
@@ -566,18 +565,6 @@ contains
         call cut_neighbours(model%barrier, x(:, 1:n), x(:, 1:n_local), row_start, neighbour)
         call cut_points(model%barrier, max(-surface, 0), x(:, 1:n), xs(:, 1:m_local), &
                         field(model%s%normal)%values(:, 1:m_local), point_start, point_neighbour)
-      end if
-      if (model%finds_surface) then
-        associate (normal => field(model%s%normal)%values(:, 1:m_local))
-          call hide_across_air(n, x(:, 1:n), model%spacing, xs(:, 1:m_local), normal, point_start, &
-                               point_neighbour, x(:, 1:n_local), row_start, neighbour)
-          seen_start = point_start
-          seen = point_neighbour
-          call hide_across_air(n, x(:, 1:n), model%spacing, xs(:, 1:m_local), normal, point_start, &
-                               point_neighbour, xs(:, 1:m_local), seen_start, seen)
-          call move_alloc(seen_start, point_start)
-          call move_alloc(seen, point_neighbour)
-        end associate
       end if
       patch = nint(field(model%s%patch)%values(1, 1:m_local))
       allocate (has_head(m_local), source=.false.)

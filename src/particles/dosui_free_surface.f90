@@ -16,7 +16,7 @@ module dosui_free_surface
   implicit none
   private
 
-  public :: find_facets, hide_across_air
+  public :: find_facets
 
   real(wp), parameter :: ball = 1.1_wp           !! r over the particle's edge [-]
   real(wp), parameter :: full = 1.3_wp           !! a Voronoi cell that reaches so far counts fully
@@ -24,8 +24,6 @@ module dosui_free_surface
   real(wp), parameter :: open_share = 0.02_wp    !! of all directions, of a facet that is new [-]
   real(wp), parameter :: opposite = 0.85_wp      !! cosine of what lies across a gap [-]
   real(wp), parameter :: balanced = 0.1_wp       !! exposed directions that have no mean [-]
-  real(wp), parameter :: half_piece = 0.55_wp    !! of a surface point, seen by what crosses it [-]
-  real(wp), parameter :: beyond = 0.25_wp        !! the surface, to be across air [spacings]
   real(wp), parameter :: at_wall = 0.8_wp        !! distance of particles that rest on a wall [-]
   integer, parameter :: n_direction = merge(2, merge(72, 200, ndim == 2), ndim == 1)
   integer, parameter :: n_around = merge(1, merge(2, 48, ndim == 2), ndim == 1)   !! in a plane
@@ -149,56 +147,6 @@ contains
       reach_inverse = max(0.0_wp, maxval(matmul(along, bound(:, 1:n_bound))))
     end function reach_inverse
   end subroutine find_facets
-
-  subroutine hide_across_air(n, position, spacing, point, normal, point_start, point_neighbour, &
-                             target, row_start, neighbour)
-    !! Takes those neighbours out of lists whose connecting line leaves the body: two sides of a
-    !! crack share no water, however near they are.
-    integer, intent(in) :: n
-    real(wp), intent(in) :: position(:, :)   !! of the rows' particles [m]
-    real(wp), intent(in) :: spacing          !! [m]
-    real(wp), intent(in) :: point(:, :), normal(:, :)          !! surface points [m], [-]
-    integer, intent(in) :: point_start(:), point_neighbour(:)  !! those near each row
-    real(wp), intent(in) :: target(:, :)     !! what is listed: particles or surface points [m]
-    integer, intent(inout) :: row_start(:)
-    integer, allocatable, intent(inout) :: neighbour(:)
-    integer :: i, k, first, kept
-
-    kept = 0
-    do i = 1, n
-      first = row_start(i)
-      row_start(i) = kept + 1
-      do k = first, row_start(i + 1) - 1
-        if (leaves_body(point_neighbour(point_start(i):point_start(i + 1) - 1), position(:, i), &
-                        target(:, neighbour(k)) - position(:, i))) cycle
-        kept = kept + 1
-        neighbour(kept) = neighbour(k)
-      end do
-    end do
-    row_start(n + 1) = kept + 1
-    neighbour = neighbour(:kept)
-
-  contains
-
-    pure logical function leaves_body(near, from, way)
-      !! Does a way cross the piece of a surface point from inside, and go on behind it?
-      integer, intent(in) :: near(:)
-      real(wp), intent(in) :: from(ndim), way(ndim)   !! [m]
-      real(wp) :: to_point(ndim), off(ndim), height, rise
-      integer :: b
-
-      leaves_body = .false.
-      do b = 1, size(near)
-        rise = dot_product(way, normal(:, near(b)))
-        to_point = point(:, near(b)) - from
-        height = dot_product(to_point, normal(:, near(b)))
-        if (height < 0.0_wp .or. rise < height + beyond*spacing) cycle
-        off = to_point - height*normal(:, near(b))
-        off = off - (way - rise*normal(:, near(b)))*height/rise
-        if (sum(off**2) < (half_piece*spacing)**2) leaves_body = .true.
-      end do
-    end function leaves_body
-  end subroutine hide_across_air
 
   pure function exposure(n_bound, bound, direction) result(weight)
     !! Kernel: 0 in covered directions, up to 1 in exposed ones.

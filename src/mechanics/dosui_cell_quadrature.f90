@@ -45,6 +45,8 @@ module dosui_cell_quadrature
     logical :: fitted = .true.                       !! every cell is full or empty
     logical :: exact = .false.                       !! measures come from shapes
     integer, allocatable :: host(:)                  !! (n_cell) the cell that a cell belongs to
+    logical, allocatable :: is_hollow(:)
+    !! (n_cell) joins a host, and its particles are too few to hold the corners it does not share
     real(wp), allocatable :: measure(:)              !! (n_cell) W [m3]
     logical, allocatable :: is_cut(:)                !! (n_cell)
     logical :: has_ragged = .false.                  !! on this rank
@@ -93,6 +95,7 @@ contains
     do c = 1, grid%n_cell
       if (own(c)%volume > 0.0_wp .and. .not. stands(c)) self%host(c) = largest_neighbour(c)
     end do
+    self%is_hollow = [(self%host(c) /= c .and. number(c) < ndim - 0.5_wp, c=1, grid%n_cell)]
     do c = 1, grid%n_cell
       call whole(self%host(c))%add(own(c), grid%cell_base(:, c) - grid%cell_base(:, self%host(c)))
     end do

@@ -12,11 +12,11 @@ module dosui_stiffness
   use dosui_dimension, only: ndim, nsig, voigt_slot
   use dosui_cell_quadrature, only: hat_gradients
   use dosui_grid, only: grid_t
-  use dosui_shape_functions, only: group_count, n_group, n_group_wide, patch_weights
+  use dosui_shape_functions, only: corner_hats, group_count, n_group, n_group_wide, patch_weights
   implicit none
   private
 
-  public :: cell_lists, cell_strain_operators, hourglass_operators
+  public :: cell_lists, cell_strain_operators, extension_ties, hourglass_operators
 
   type, public :: cell_operators_t
     !! Strain operators of one cell's particles on the cell's own list of nodes.
@@ -205,6 +205,30 @@ contains
       call add_trace(-trace_of(strain(:, :, g)), strain(:, :, g))
     end do
   end subroutine hourglass_operators
+
+  pure subroutine extension_ties(grid, host, cell, node, tie)
+    !! How far the corners of a small part of a cell are from where the hats of its host would take
+    !! them: each column is the weight of the nodes in one difference, 0 for corners of the host.
+    type(grid_t), intent(in) :: grid
+    integer, intent(in) :: host, cell
+    integer, intent(out) :: node(2*2**ndim)                !! corners of the host, of the cell
+    real(wp), intent(out) :: tie(2*2**ndim, 2**ndim)       !! [-]
+    real(wp) :: offset(ndim)
+    integer, parameter :: n = 2**ndim
+    integer :: i, d
+
+    node = [grid%cell_node(:, host), grid%cell_node(:, cell)]
+    tie = 0.0_wp
+    do i = 1, n
+      if (any(grid%cell_node(:, host) == node(n + i))) cycle
+      do d = 1, ndim
+        offset(d) = real(grid%cell_base(d, cell) - grid%cell_base(d, host), wp) + &
+                    merge(1.0_wp, 0.0_wp, btest(i - 1, d - 1))
+      end do
+      tie(1:n, i) = -corner_hats(offset)
+      tie(n + i, i) = 1.0_wp
+    end do
+  end subroutine extension_ties
 
   pure function trace_of(strain) result(trace)
     !! Volume strain of each column, over the scene's directions.

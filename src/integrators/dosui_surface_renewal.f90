@@ -64,7 +64,7 @@ contains
     integer :: n, n_local
 
     n = model%particles%count
-    edge = edges(model)
+    allocate (edge, source=edges(model))
     radius = search_radius(model, edge)
     allocate (walls(0))
     if (allocated(model%scene%rigid_wall)) walls = model%scene%rigid_wall
@@ -84,7 +84,7 @@ contains
   pure function edges(model) result(edge)
     !! Edges of the particles [m]. What has been pulled out by a crack sees no farther for that.
     type(model_t), intent(in) :: model
-    real(wp), allocatable :: edge(:)
+    real(wp) :: edge(model%particles%count)
     real(wp) :: spacing(size(model%scene%region))
     integer :: k
 
@@ -119,7 +119,7 @@ contains
 
     n = model%particles%count
     m = model%surface%count
-    edge = edges(model)
+    allocate (edge, source=edges(model))
     radius = search_radius(model, edge)
     associate (place => model%s%position_at_build)
       call find_ghosts(model%comm, model%surface, place, n, &

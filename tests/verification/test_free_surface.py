@@ -112,6 +112,53 @@ def test_moving_disc(dosui: Runner) -> None:
     assert np.abs(area / (2 * np.pi) - 1).max() <= 1e-5
 
 
+def test_pressed_disc(dosui: Runner) -> None:
+    """A load follows a free surface as it does a named one that is all of it: the same bits while
+    the body only shrinks, by 7 %."""
+    text = re.sub("&(water|hydraulic|initial).*\n", "", DISC).replace("velocity = 1.0, 0.5", "")
+    text = text.replace("updated'", "updated' water = 'none'").replace("1.0e9", "1.0e6")
+    text = text.replace("hydraulic_conductivity = 1.0e-2", "").replace(
+        "spacing = 0.1", "spacing = 0.2"
+    )
+    text += "&mechanics damping = 'viscous' damping_coefficient = 20.0 /\n"
+    text += "&mechanical_condition surface = 'air' kind = 'pressure' value = 1.0e5 /\n"
+    free = dosui(text.replace("end_time = 0.2", "end_time = 0.5"), folder="free")
+    named = text.replace("end_time = 0.2", "end_time = 0.5").replace("'free'", "'all'")
+    plain = dosui(named, folder="named")
+    assert free.status == 0 and plain.status == 0, free.stderr + plain.stderr
+    a, b = free.fields("disc"), plain.fields("disc")
+    assert all(np.array_equal(a[key], b[key]) for key in b)
+    assert np.abs(a["effective_stress"][:, [0, 2]].mean(axis=0) / -1.0e5 - 1).max() <= 0.03
+    ratio = free.history("disc", "area_air")[-1] / (2 * np.pi)
+    assert abs(ratio - np.exp(-1.0e5 / (2.0e6 / 2.0))) <= 0.02  # nu = 0: lambda = 0, 2 G = E
+
+
+def test_rest_under_water(dosui: Runner) -> None:
+    """A reservoir's head and load on the free surface of a bed on a rigid floor: nothing moves,
+    and the bed carries its own weight less that of water."""
+    run = dosui(f"""&scene dimension = 2 deformation = 'updated' gravity = 0.0, -9.81 /
+&grid spacing = 0.1 shape_function = 'gimp' /
+&time end_time = 0.1 geostatic_start = .true. /
+&material {SOIL} young_modulus = 1.0e6 hydraulic_conductivity = 1.0e-3 /
+&water bulk_modulus = 1.0e6 /
+&region name = 'bed' material = 'soil' box_min = 0.0, 0.0 box_max = 1.0, 0.5 jitter = 0.2 /
+&surface name = 'air' region = 'bed' face = 'free' /
+&hydraulic_condition surface = 'air' kind = 'reservoir' value = 2.0 /
+&mechanical_condition surface = 'air' kind = 'reservoir' value = 2.0 /
+&rigid_wall name = 'floor' position = 0.0, 0.0 normal = 0.0, 1.0 /
+&initial_state pore_pressure = 'hydrostatic' water_level = 2.0
+  effective_stress = 'geostatic' surface_level = 0.5 /
+&output name = 'bed' /
+""")
+    assert run.status == 0, run.stderr
+    fields = run.fields("bed")
+    z = fields["points"][:, 2]
+    assert np.abs(fields["displacement"]).max() <= 1e-14
+    assert np.abs(fields["pore_pressure"] - 9810.0 * (2.0 - z)).max() <= 1e-7
+    low = fields["effective_stress"][z < 0.1, 2].mean()
+    assert low == pytest.approx(-0.6 * 1650.0 * 9.81 * 0.45, rel=0.05)
+
+
 def test_parting_blocks(dosui: Runner) -> None:
     """What touches has no surface, what has parted drains: against the slab drained at both ends
     (the last column is pulled out as the grid lets go of it, which is most of the error)."""

@@ -12,6 +12,11 @@
 !! the rate gets the wrong sign. The row of a fit f without its own head, lap f + (C/dx^2)(f - h_i),
 !! is consistent, too, as f - h_i is of the third order, and its diagonal is -C. The weaker the
 !! diagonal of the usual row, the larger is the share of this one: none from C/2 on, all at 0.
+!!
+!! Where bodies shear or tear, a fit may put large negative entries on neighbours, and heads grow.
+!! Such a row leaves out those neighbours, the worst one first, as long as the others determine a
+!! fit: rows without negative entries cannot grow, and keep heads between their neighbours' (cf.
+!! Seibold 2008). If none is left the neighbours exchange water in pairs.
 module dosui_head_operator
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim
@@ -26,6 +31,8 @@ module dosui_head_operator
   integer, parameter :: max_rows = 512           !! neighbours and surface rows of one particle
   real(wp), parameter :: almost_on = 0.4_wp      !! distance of a face with heads, in spacings [-]
   real(wp), parameter :: attraction = 4.0_wp*ndim   !! C, the diagonal of such rows [-]
+  real(wp), parameter :: most_negative = 0.3_wp  !! sum of negative over that of positive entries
+  real(wp), parameter :: hardly_negative = 0.05_wp   !! where a row has to be made anew, likewise
 
   type, public :: head_operator_t
     integer :: n_row = 0
@@ -118,7 +125,7 @@ contains
       call surface_rows(position(:, i), point_neighbour(point_start(i):point_start(i + 1) - 1), &
                         point_position, point_normal, point_patch, point_kind, spacing, radius, &
                         stencil, point, is_foot)
-      call laplacian_row(stencil, n_near, row_kind, laplacian)
+      call laplacian_row(stencil, row_kind, laplacian)
       if (row_kind == 1) self%n_linear = self%n_linear + 1
       if (row_kind == 2) self%n_isolated = self%n_isolated + 1
       do k = 1, n_near
@@ -239,36 +246,84 @@ contains
     end if
   end subroutine set_row
 
-  pure subroutine laplacian_row(stencil, n_near, row_kind, laplacian)
+  pure subroutine laplacian_row(stencil, row_kind, laplacian)
     !! Kernel: entries of the Laplacian in units of 1/dx^2 for all rows of the stencil.
     type(stencil_t), intent(in) :: stencil
-    integer, intent(in) :: n_near                  !! the first rows are particles
     integer, intent(out) :: row_kind               !! 0 quadratic, 1 pairwise, 2 isolated
     real(wp), intent(inout) :: laplacian(:)
-    real(wp) :: matrix(n_basis, n_basis), right(n_basis)
     real(wp) :: diagonal, share   ! its share of an attracted row
-    integer :: k
     logical :: regular
 
-    call normal_matrix(stencil, matrix)
-    call factorise(n_basis, matrix, regular)
+    row_kind = 0
+    call quadratic_row(stencil, stencil%weight(:stencil%n), laplacian, regular)
     if (regular) then
-      row_kind = 0
-      right = 0.0_wp
-      right(ndim + 1:2*ndim) = 1.0_wp
-      call solve_factored(n_basis, matrix, right)
-      do k = 1, stencil%n
-        laplacian(k) = stencil%weight(k)*dot_product(stencil%basis(:, k), right)
-      end do
       if (stencil%to_head < almost_on) then
         diagonal = sum(stencil%constant(:stencil%n)*laplacian(:stencil%n))
         share = min(1.0_wp - 2.0_wp*diagonal/attraction, 1.0_wp)
         if (share > 0.0_wp) call mix_attracted_row(stencil, share, laplacian)
       end if
-    else
-      call pairwise_row(stencil, n_near, row_kind, laplacian)
+      if (negative_share(stencil, laplacian) > most_negative) then
+        call drop_negative_entries(stencil, laplacian, regular)
+      end if
     end if
+    if (.not. regular) call pairwise_row(stencil, row_kind, laplacian)
   end subroutine laplacian_row
+
+  pure subroutine quadratic_row(stencil, weight, laplacian, regular)
+    !! Kernel: the fit's Laplacian with given weights of the rows.
+    type(stencil_t), intent(in) :: stencil
+    real(wp), intent(in) :: weight(:)              !! (stencil%n) [-]
+    real(wp), intent(inout) :: laplacian(:)        !! left as it is if there is no fit
+    logical, intent(out) :: regular
+    real(wp) :: matrix(n_basis, n_basis), right(n_basis)
+    integer :: k
+
+    call normal_matrix(stencil, weight, matrix)
+    call factorise(n_basis, matrix, regular)
+    if (.not. regular) return
+    right = 0.0_wp
+    right(ndim + 1:2*ndim) = 1.0_wp
+    call solve_factored(n_basis, matrix, right)
+    do k = 1, stencil%n
+      laplacian(k) = weight(k)*dot_product(stencil%basis(:, k), right)
+    end do
+  end subroutine quadratic_row
+
+  pure real(wp) function negative_share(stencil, laplacian) result(share)
+    !! Sum of the negative entries that act on heads over that of the positive ones [-].
+    type(stencil_t), intent(in) :: stencil
+    real(wp), intent(in) :: laplacian(:)
+    real(wp) :: negative, positive, entry
+    integer :: k
+
+    negative = 0.0_wp
+    positive = 0.0_wp
+    do k = 1, stencil%n
+      entry = stencil%constant(k)*laplacian(k)   ! 0 for slopes
+      negative = negative + max(-entry, 0.0_wp)
+      positive = positive + max(entry, 0.0_wp)
+    end do
+    share = huge(1.0_wp)
+    if (positive > 0.0_wp) share = negative/positive
+  end function negative_share
+
+  pure subroutine drop_negative_entries(stencil, laplacian, regular)
+    !! Kernel: leaves out one row after the other until hardly a negative entry is left.
+    type(stencil_t), intent(in) :: stencil
+    real(wp), intent(inout) :: laplacian(:)
+    logical, intent(out) :: regular                !! such a row exists
+    real(wp) :: weight(stencil%n)
+    integer :: number
+
+    weight = stencil%weight(:stencil%n)
+    do number = 1, stencil%n
+      weight(minloc(stencil%constant(:stencil%n)*laplacian(:stencil%n), dim=1)) = 0.0_wp
+      call quadratic_row(stencil, weight, laplacian, regular)
+      if (.not. regular) return
+      if (.not. negative_share(stencil, laplacian) > hardly_negative) return
+    end do
+    regular = .false.
+  end subroutine drop_negative_entries
 
   pure subroutine mix_attracted_row(stencil, share, laplacian)
     !! Kernel: mixes in the row of a particle that almost lies on a face with heads (see module).
@@ -298,41 +353,42 @@ contains
     end do
   end subroutine mix_attracted_row
 
-  pure subroutine normal_matrix(stencil, matrix)
+  pure subroutine normal_matrix(stencil, weight, matrix)
     !! Kernel: lower triangle of sum w P P^T over all rows.
     type(stencil_t), intent(in) :: stencil
+    real(wp), intent(in) :: weight(:)              !! (stencil%n) [-]
     real(wp), intent(out) :: matrix(n_basis, n_basis)
     integer :: k, a
 
     matrix = 0.0_wp
     do k = 1, stencil%n
       do a = 1, n_basis
-        matrix(a:, a) = matrix(a:, a) + stencil%weight(k)*stencil%basis(a, k)*stencil%basis(a:, k)
+        matrix(a:, a) = matrix(a:, a) + weight(k)*stencil%basis(a, k)*stencil%basis(a:, k)
       end do
     end do
   end subroutine normal_matrix
 
-  pure subroutine pairwise_row(stencil, n_near, row_kind, laplacian)
+  pure subroutine pairwise_row(stencil, row_kind, laplacian)
     !! Kernel: too few or collinear rows. Exchange with positive weights that would be exact for
     !! a symmetric neighbourhood, 2 d w_j / sum w r^2; nothing at all without neighbours. Flux
     !! rows are left out, which is no-flow.
     type(stencil_t), intent(in) :: stencil
-    integer, intent(in) :: n_near
     integer, intent(out) :: row_kind
     real(wp), intent(inout) :: laplacian(:)
     real(wp) :: second_moment
     integer :: k
 
     second_moment = 0.0_wp
-    do k = 1, n_near
-      second_moment = second_moment + stencil%weight(k)*sum(stencil%r(:, k)**2)
+    do k = 1, stencil%n
+      second_moment = second_moment + &
+                      stencil%constant(k)*stencil%weight(k)*sum(stencil%r(:, k)**2)
     end do
     laplacian(1:stencil%n) = 0.0_wp
     row_kind = 2
     if (.not. second_moment > 1.0e-6_wp) return
     row_kind = 1
-    do k = 1, n_near
-      laplacian(k) = 2.0_wp*stencil%weight(k)/second_moment
+    do k = 1, stencil%n
+      laplacian(k) = 2.0_wp*ndim*stencil%constant(k)*stencil%weight(k)/second_moment
     end do
   end subroutine pairwise_row
 
@@ -456,7 +512,7 @@ contains
         call set_row(stencil, stencil%n, r, radius, point_normal(:, b))
       end if
     end do
-    call normal_matrix(stencil, matrix)
+    call normal_matrix(stencil, stencil%weight(:stencil%n), matrix)
     call factorise(n_basis, matrix, regular)
   end subroutine head_operator_fit
 

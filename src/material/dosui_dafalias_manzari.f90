@@ -25,6 +25,11 @@ module dosui_dafalias_manzari
   integer, parameter :: most_iterations = 60        ! of the search for the yield surface
   real(wp), parameter :: root_23 = sqrt(2.0_wp/3.0_wp)
   real(wp), parameter :: on_surface = 1.0e-9_wp     ! |f| over the surface's radius [-]
+  real(wp), parameter :: at_floor = 1.0_wp + 1.0e-6_wp
+  ! up to here a mean stress counts as the least one, so that round-off does not decide [-]
+  real(wp), parameter :: stable = 1.0_wp
+  ! elastic change of the stress ratio in a sub-step over the yield surface's radius: beyond 2 the
+  ! direction of flow, which turns towards that of the strain, would swing about it [-]
   real(wp), parameter :: growth = 0.15_wp           ! error over tolerance that doubles a step [-]
   real(wp), parameter :: least_way = 1.0e-8_wp      ! of alpha since the loading began [-]
   real(wp), parameter :: least_hardening = 0.01_wp  ! 1 - c_h e [-]
@@ -245,7 +250,7 @@ contains
     type(point_t), intent(inout) :: point
     real(wp), intent(out) :: error          !! over the present values [-]
     type(point_t) :: first, second, trial
-    real(wp) :: direction(nsig), elastic_share, p, unused, loading
+    real(wp) :: direction(nsig), elastic_share, p, r(nsig), bulk, shear, unused, loading
 
     call rate(self, strain, voids(1), point, first, direction, loading)
     error = 0.0_wp
@@ -269,8 +274,11 @@ contains
     end if
     trial = moved(point, first, 1.0_wp - elastic_share)
     call rate(self, strain, voids(2), trial, second, direction, unused)
-    p = max(self%smallest_pressure, sum(point%stress(1:3))/3.0_wp)
-    error = max(error, 0.5_wp*(1.0_wp - elastic_share)* &
+    call split(self, point%stress, p, r)
+    call moduli(self, p, voids(1), bulk, shear)
+    error = max(error, self%tolerance*(2.0_wp*shear*(1.0_wp - elastic_share)*size_of(strain)/ &
+                                       (stable*p*root_23*self%yield_ratio))**2, &
+                0.5_wp*(1.0_wp - elastic_share)* &
                 max(size_of(second%stress - first%stress)/p, &
                     size_of(second%back - first%back), &
                     size_of(second%fabric - first%fabric)/(1.0_wp + self%fabric_limit)))
@@ -456,7 +464,7 @@ contains
     length = size_of(out)
     if (.not. length > 0.0_wp) return
     out = out*(root_23*self%yield_ratio/length)
-    if (sum(point%stress(1:3))/3.0_wp < self%smallest_pressure) then
+    if (sum(point%stress(1:3))/3.0_wp < at_floor*self%smallest_pressure) then
       point%stress = p*(point%back + out)
       point%stress(1:3) = point%stress(1:3) + p
     else

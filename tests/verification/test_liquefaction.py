@@ -115,7 +115,7 @@ class Layer:
         return {key: self.mean(value) for key, value in self.run.fields(self.name, step).items()}
 
 
-def reconsolidate(layer: Layer, first: int, dt: float = 1.0e-3) -> tuple[np.ndarray, np.ndarray]:
+def reconsolidate(layer: Layer, first: int, dt: float = 2.0e-3) -> tuple[np.ndarray, np.ndarray]:
     """Terzaghi's consolidation of the layer from an output step on, with the sand's own stiffness.
 
     Incompressible water; strains are what flows out, stresses follow them, and what they do not
@@ -178,7 +178,7 @@ def test_layer_liquefies_and_settles(dosui: Runner) -> None:
 @pytest.mark.parametrize("integrator", ["semi_implicit", "explicit"])
 def test_ranks_liquefy_alike(dosui: Runner, integrator: str) -> None:
     """Round-off does not grow in liquefied sand; restarts repeat every bit."""
-    text = layer(integrator, end_time=1.0)
+    text = layer(integrator, end_time=0.75)
     one = dosui(text, folder="one")
     three = dosui(text, ranks=3, folder="three")
     assert one.status == 0, one.stderr
@@ -276,6 +276,57 @@ def test_sand_in_the_oedometer(dosui: Runner, dim: int, integrator: str, deforma
     if deformation == "updated":  # the void ratio is that of the porosity
         n = data["porosity"]
         assert data["void_ratio"] == pytest.approx(n / (1 - n), rel=1e-6)
+
+
+SOILS = """
+&scene dimension = 2 water = 'none' gravity = 2*0.0 /
+&grid spacing = 0.1 /
+&time end_time = 1.0 /
+&material name = 'elastic' young_modulus = 2.0e7 poisson_ratio = 0.3 /
+&material name = 'planes' model = 'mohr_coulomb' young_modulus = 2.0e7 poisson_ratio = 0.3
+  friction_angle = 30.0 cohesion = 1.0e3 /
+&material name = 'cone' model = 'drucker_prager' young_modulus = 2.0e7 poisson_ratio = 0.3
+  friction_angle = 30.0 cohesion = 1.0e3 /
+&material name = 'clay' model = 'cam_clay' critical_state_ratio = 1.0 compression_index = 0.2
+  swelling_index = 0.04 poisson_ratio = 0.3 porosity = 0.5 /
+&material name = 'sand' model = 'dafalias_manzari' poisson_ratio = 0.05 porosity = 0.4737 /
+&region name = 'body' material = 'sand' box_min = 2*0.0 box_max = 2*1.0 /
+"""
+
+
+def test_every_soil_is_tested(dosui: Runner) -> None:
+    """`dosui --elements`: drained, undrained and cyclic; only the sand liquefies."""
+    run = dosui(SOILS, "--elements=5e4")
+    assert run.status == 0, run.stderr
+    rows: dict[tuple[str, str], list[list[float]]] = {}
+    for line in run.stdout.splitlines()[1:]:
+        material, test, _, *values = line.split(",")
+        rows.setdefault((material, test), []).append([float(v) for v in values])
+    tests = {key: np.array(value) for key, value in rows.items()}
+    names = {name for _, name in tests}
+    for shear in ("triaxial", "simple_shear"):
+        assert {f"{shear}_drained", f"{shear}_undrained"} <= names
+    assert "oedometer" in names
+    for soil in ("elastic", "planes", "cone", "clay", "sand"):
+        assert {name for s, name in tests if s == soil} == names
+        for name in names:
+            table = tests[soil, name]
+            strain, stress, pressure = table[:, :4], table[:, 4:8], table[:, 8]
+            if "undrained" in name:  # no volume change, one total stress stays
+                assert np.abs(strain[:, :3].sum(axis=1)).max() < 1e-12
+                kept = 2 if "shear" in name else 0
+                assert stress[:, kept] - pressure == pytest.approx(-5e4, abs=1e-6 * 5e4)
+            elif name == "triaxial_drained":
+                assert stress[:, 0] == pytest.approx(-5e4, rel=1e-6)
+            if name.startswith("cyclic"):
+                cycled = stress[:, 3] if "shear" in name else stress[:, 0] - stress[:, 2]
+                amplitude = (0.2 if "shear" in name else 0.4) * 5e4
+                assert np.abs(cycled).max() == pytest.approx(amplitude, rel=6e-3)
+                mean = -stress[:, :3].mean(axis=1)
+                if soil == "sand":
+                    assert mean.min() < 0.05 * mean[0]
+                else:
+                    assert mean.min() > 0.3 * mean[0]
 
 
 BAD = (

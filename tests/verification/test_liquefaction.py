@@ -34,7 +34,7 @@ def contract(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 class Sand:
     """Dafalias & Manzari's rates for Toyoura sand, integrated by Euler's rule in small steps.
 
-    Compression positive; points (n, 4) that are compressed vertically.
+    Compression positive; points (n, 4): xx, yy, zz, zx.
     """
 
     shear_number, poisson, atmosphere, least = 125.0, 0.05, 1.01e5, 100.0
@@ -48,7 +48,12 @@ class Sand:
 
     def compress(self, strain: np.ndarray) -> None:
         """Adds a vertical strain of each point."""
-        one, up = np.array([1.0, 1.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0, 0.0])
+        self.deform(strain[:, None] * np.array([0.0, 0.0, 1.0, 0.0]))
+
+    def deform(self, tensor: np.ndarray) -> None:
+        """Adds a strain of each point."""
+        one = np.array([1.0, 1.0, 1.0, 0.0])
+        strain = tensor[:, :3].sum(axis=1)
         mean = self.stress[:, :3].mean(axis=1)
         p = np.maximum(mean, self.least)
         r = (self.stress - mean[:, None] * one) / p[:, None]
@@ -59,7 +64,7 @@ class Sand:
         length = np.sqrt(contract(gap, gap))
         n = gap / np.maximum(length, 1e-30)[:, None]
         along = contract(n, r)
-        load = 2 * shear * contract(n, strain[:, None] * up) - along * bulk * strain
+        load = 2 * shear * contract(n, tensor) - along * bulk * strain
         flows = (length > np.sqrt(2 / 3) * self.radius * (1 - 1e-4)) & (load > 0)
         new = flows & (contract(self.back - self.start, n) < 0)
         self.start[new] = self.back[new]
@@ -83,7 +88,7 @@ class Sand:
         total = 2 / 3 * p * (bound - contract(self.back, n)) + softness * stiff
         lh = np.where(flows, load / total, 0.0)
         multiplier = lh * softness
-        self.stress += (2 * shear * strain)[:, None] * (up - one / 3)
+        self.stress += 2 * shear[:, None] * (tensor - strain[:, None] * one / 3)
         self.stress += (bulk * strain)[:, None] * one
         turned = big_b[:, None] * n - big_c[:, None] * (square - one / 3)
         self.stress -= (multiplier * 2 * shear)[:, None] * turned
@@ -327,6 +332,19 @@ def test_every_soil_is_tested(dosui: Runner) -> None:
                     assert mean.min() < 0.05 * mean[0]
                 else:
                     assert mean.min() > 0.3 * mean[0]
+    # two per cent of undrained triaxial compression and of simple shear, side by side
+    zero = np.zeros((2, 4))
+    e = 0.4737 / (1 - 0.4737)
+    sand = Sand(zero + np.array([5e4, 5e4, 5e4, 0.0]), zero[:, 0] + e, [zero] * 3)
+    step = np.array([[-1.0, -1.0, 2.0, 0.0], [0.0, 0.0, 0.0, -1.0]]) * 1e-2 / 8000
+    for _ in range(8000):
+        sand.deform(step)
+    for k, name in enumerate(("triaxial_undrained", "simple_shear_undrained")):
+        table = tests["sand", name]
+        found = np.array(
+            [np.interp(0.02, np.abs(table[:, 2 + k]), table[:, 4 + c]) for c in range(4)]
+        )
+        assert -found == pytest.approx(sand.stress[k], abs=5e-3 * 5e4), name
 
 
 BAD = (

@@ -207,12 +207,12 @@ contains
     type(point_t), intent(inout) :: point
     type(plan_t), intent(inout) :: plan     !! followed if fixed, else filled
     type(point_t) :: trial
-    real(wp) :: voids(2), size, error, dilation
+    real(wp) :: voids(2), size, error, compression
     integer :: level, place, taken, k
 
     call lift(self, point)
     if (.not. maxval(abs(strain)) > 0.0_wp) return
-    dilation = sum(strain(1:3))
+    compression = sum(strain(1:3))
     level = 0
     place = 0   ! in units of 2^-finest
     k = 0
@@ -221,8 +221,8 @@ contains
       if (plan%is_fixed) level = plan%level(k)
       taken = 2**(finest - level)
       size = 2.0_wp**(-level)
-      voids(1) = void_after(volume, dilation*real(place, wp)/2.0_wp**finest)
-      voids(2) = void_after(volume, dilation*real(place + taken, wp)/2.0_wp**finest)
+      voids(1) = void_after(volume, compression*real(place, wp)/2.0_wp**finest)
+      voids(2) = void_after(volume, compression*real(place + taken, wp)/2.0_wp**finest)
       trial = point
       call substep(self, strain*size, voids, trial, error)
       if (.not. plan%is_fixed) then
@@ -309,14 +309,14 @@ contains
     type(point_t), intent(out) :: rates
     real(wp), intent(out) :: direction(nsig)     !! n: unit deviator out of the yield surface
     real(wp), intent(out) :: loading             !! > 0: plastic flow [Pa]
-    real(wp) :: r(nsig), square(nsig), p, bulk, shear, dilation, length, cube, lode, g, psi
+    real(wp) :: r(nsig), square(nsig), p, bulk, shear, compression, length, cube, lode, g, psi
     real(wp) :: bound, dense, flow, b, c, stiff, softness, way, total, along, lh, l
 
     call split(self, point%stress, p, r)
     call moduli(self, p, voids, bulk, shear)
-    dilation = sum(strain(1:3))
+    compression = sum(strain(1:3))
     rates%stress = 2.0_wp*shear*strain
-    rates%stress(1:3) = rates%stress(1:3) + (bulk - 2.0_wp*shear/3.0_wp)*dilation
+    rates%stress(1:3) = rates%stress(1:3) + (bulk - 2.0_wp*shear/3.0_wp)*compression
     direction = r - point%back
     length = size_of(direction)
     loading = 0.0_wp
@@ -326,7 +326,7 @@ contains
     end if
     direction = direction/length
     along = contract(direction, r)
-    loading = 2.0_wp*shear*contract(direction, strain) - along*bulk*dilation
+    loading = 2.0_wp*shear*contract(direction, strain) - along*bulk*compression
     if (.not. loading > 0.0_wp) return
     ! surfaces in this direction
     square = squared(direction)
@@ -367,19 +367,19 @@ contains
     real(wp), intent(in) :: voids(2)
     type(point_t), intent(inout) :: point
     real(wp), intent(out) :: error
-    real(wp) :: r(nsig), p, bulk(2), shear(2), dilation
+    real(wp) :: r(nsig), p, bulk(2), shear(2), compression
 
-    dilation = sum(strain(1:3))
+    compression = sum(strain(1:3))
     call split(self, point%stress, p, r)
     call moduli(self, p, voids(1), bulk(1), shear(1))
-    call moduli(self, max(self%smallest_pressure, p + bulk(1)*dilation), voids(2), bulk(2), &
+    call moduli(self, max(self%smallest_pressure, p + bulk(1)*compression), voids(2), bulk(2), &
                 shear(2))
     associate (k => 0.5_wp*sum(bulk), g => 0.5_wp*sum(shear))
       point%stress = point%stress + 2.0_wp*g*strain
-      point%stress(1:3) = point%stress(1:3) + (k - 2.0_wp*g/3.0_wp)*dilation
+      point%stress(1:3) = point%stress(1:3) + (k - 2.0_wp*g/3.0_wp)*compression
     end associate
     call lift(self, point)
-    error = 0.5_wp*max(abs(bulk(2) - bulk(1))*abs(dilation), &
+    error = 0.5_wp*max(abs(bulk(2) - bulk(1))*abs(compression), &
                        2.0_wp*abs(shear(2) - shear(1))*size_of(strain))/p
   end subroutine move_elastically
 

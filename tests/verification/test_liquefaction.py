@@ -283,6 +283,48 @@ def test_sand_in_the_oedometer(dosui: Runner, dim: int, integrator: str, deforma
         assert data["void_ratio"] == pytest.approx(n / (1 - n), rel=1e-6)
 
 
+CONSOLIDATION = """
+&scene dimension = 2 integrator = 'quasi_static' gravity = 2*0.0 /
+&grid spacing = 0.1 /
+&time end_time = 1.0 largest_step = 0.1 /
+&material name = 'sand' model = 'dafalias_manzari' poisson_ratio = 0.05 porosity = 0.4737
+  hydraulic_conductivity = {conductivity} /
+&region name = 'column' material = 'sand' box_min = 2*0.0 box_max = 0.2, 0.5
+  particles_per_cell = 2 /
+&initial_state effective_stress = 'given' effective_stress_value = 3*-1.0e4, 3*0.0 /
+&surface name = 'bottom' region = 'column' face = 'z-' /
+&surface name = 'top' region = 'column' face = 'z+' /
+&surface name = 'left' region = 'column' face = 'x-' /
+&surface name = 'right' region = 'column' face = 'x+' /
+&mechanical_condition surface = 'bottom' kind = 'roller' /
+&mechanical_condition surface = 'left' kind = 'roller' /
+&mechanical_condition surface = 'right' kind = 'roller' /
+&mechanical_condition surface = 'top' kind = 'pressure' value = 1.0e5
+  factor_times = 0.0, 1.0 factor_values = 0.1, 1.0 /
+&hydraulic_condition surface = 'top' kind = 'pressure' value = 0.0 /
+&output name = 'column' /
+"""
+
+
+def test_saturated_sand_consolidates(dosui: Runner) -> None:
+    """A load that comes slowly: what the sand's rates say of its strain; fast: the water bears it."""
+    run = dosui(CONSOLIDATION.format(conductivity="1.0"), folder="slow")
+    assert run.status == 0, run.stderr
+    data = run.fields("column")
+    assert data["effective_stress"][:, 2] == pytest.approx(-1.0e5, rel=1e-3)
+    zero, e_0 = np.zeros((1, 4)), 0.4737 / (1 - 0.4737)
+    soil = Sand(zero + np.array([1e4, 1e4, 1e4, 0.0]), zero[:, 0] + e_0, [zero] * 3)
+    while soil.stress[0, 2] < 1.0e5:
+        soil.compress(np.array([1.0e-6]))
+    strain = np.log((1 + e_0) / (1 + soil.voids[0]))
+    assert np.log((1 + e_0) / (1 + data["void_ratio"])) == pytest.approx(strain, rel=5e-3)
+    run = dosui(CONSOLIDATION.format(conductivity="0.0"), folder="fast")
+    assert run.status == 0, run.stderr
+    data = run.fields("column")
+    assert data["pore_pressure"] == pytest.approx(9.0e4, rel=2e-2)
+    assert data["effective_stress"][:, 2] == pytest.approx(-1.0e4, rel=2e-1)
+
+
 SOILS = """
 &scene dimension = 2 water = 'none' gravity = 2*0.0 /
 &grid spacing = 0.1 /

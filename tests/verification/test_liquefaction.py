@@ -307,7 +307,7 @@ CONSOLIDATION = """
 
 
 def test_saturated_sand_consolidates(dosui: Runner) -> None:
-    """A load that comes slowly: what the sand's rates say of its strain; fast: the water bears it."""
+    """A slow load: the strain that the sand's rates give; a fast one: the water bears it."""
     run = dosui(CONSOLIDATION.format(conductivity="1.0"), folder="slow")
     assert run.status == 0, run.stderr
     data = run.fields("column")

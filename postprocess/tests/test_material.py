@@ -28,7 +28,7 @@ def table() -> str:
             "0,0\n"
         )
     for k in range(11):
-        g = 0.01 * np.sin(k)
+        g = 0.01 * np.sin(np.pi * k / 4)
         lines.append(f"sand,cyclic_shear_undrained,{k},0,0,0,{g},-1e5,-1e5,-1e5,{4e6 * g},0\n")
     return "".join(lines)
 
@@ -40,7 +40,11 @@ def test_invariants() -> None:
     assert test.deviatoric[-1] == pytest.approx(1e6)
     assert test.volume_strain[-1] == pytest.approx(-0.05)
     shear = parse_tests(table())[1]
-    assert shear.deviatoric[1] == pytest.approx(np.sqrt(3) * 4e4 * np.sin(1))
+    assert shear.deviatoric[1] == pytest.approx(np.sqrt(3) * 4e4 * np.sqrt(0.5))
+    assert shear.cycled[2] == pytest.approx(4e4)
+    assert shear.cycles[[0, 2, 6]] == pytest.approx([0.0, 0.5, 1.0])  # at its turns
+    assert np.all(np.diff(shear.cycles) >= 0)
+    assert test.cycled[-1] == pytest.approx(1e6)
 
 
 def test_pictures(tmp_path: Path) -> None:

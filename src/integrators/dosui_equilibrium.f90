@@ -53,6 +53,7 @@ contains
 
     stands = .true.
     first = -1.0_wp
+    round_start = huge(1.0_wp)
     if (.not. model%materials%is_nonlinear()) then
       call find_equilibrium(model, 0.0_wp, n_iteration, first, err, water_held=.true.)
       return
@@ -71,7 +72,7 @@ contains
       call find_residual(model, residual, norm)
       model%relaxing = .false.
       if (first < 0.0_wp) first = norm
-      stands = .not. (mod(k, round) == 1 .and. k > 1 .and. norm > least_gain*round_start)
+      stands = .not. (mod(k, round) == 1 .and. norm > least_gain*round_start)
       if (.not. stands) return
       if (mod(k, round) == 1) round_start = norm
       if (norm <= balanced*max(scale, first)) return

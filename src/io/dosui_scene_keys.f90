@@ -409,23 +409,27 @@ contains
     class(key_visitor_t), intent(inout) :: v
     type(material_t), intent(inout) :: material
     logical, intent(in) :: is_dry
-    logical :: is_clay
+    logical :: is_clay, is_sand
 
     call v%name(material%name, key('name', 'what regions call it', required=.true.))
     call v%name(material%model, &
                 key('model', 'constitutive model', &
-                    choices='linear_elastic mohr_coulomb drucker_prager cam_clay'))
+                    choices='linear_elastic mohr_coulomb drucker_prager cam_clay '// &
+                    'dafalias_manzari'))
     call v%logical(material%rigid, &
                    key('rigid', 'the skeleton does not move: pure seepage'))
     is_clay = material%model == 'cam_clay'
+    is_sand = material%model == 'dafalias_manzari'
     call v%real(material%young_modulus, &
                 key('young_modulus', 'drained Young''s modulus; needed unless rigid', unit='Pa', &
                     range='> 0', required=.not. material%rigid, &
-                    only='a model other than ''cam_clay''', applies=.not. is_clay))
+                    only='a model other than ''cam_clay'' and ''dafalias_manzari''', &
+                    applies=.not. (is_clay .or. is_sand)))
     call v%real(material%poisson_ratio, &
                 key('poisson_ratio', 'drained Poisson''s ratio', unit='-', range='> -1 and < 0.5'))
     call visit_strength(v, material)
-    call visit_cam_clay(v, material, is_clay)
+    call visit_cam_clay(v, material, is_clay, is_sand)
+    call visit_sand(v, material, is_sand)
     call v%real(material%solid_density, &
                 key('solid_density', 'density of the grains', unit='kg/m3', range='> 0'))
     call v%real(material%porosity, &
@@ -483,16 +487,18 @@ contains
                     only='model = ''drucker_prager''', applies=material%model == 'drucker_prager'))
   end subroutine visit_strength
 
-  subroutine visit_cam_clay(v, material, applies)
-    !! Keys of &material on modified Cam-clay.
+  subroutine visit_cam_clay(v, material, applies, is_sand)
+    !! Keys of &material on modified Cam-clay, and those that sand has, too.
     class(key_visitor_t), intent(inout) :: v
     type(material_t), intent(inout) :: material
-    logical, intent(in) :: applies
+    logical, intent(in) :: applies, is_sand
     character(len=*), parameter :: only = 'model = ''cam_clay'''
+    character(len=*), parameter :: both = 'model = ''cam_clay'' or ''dafalias_manzari'''
 
     call v%real(material%critical_state_ratio, &
-                key('critical_state_ratio', 'M: q/p in the critical state', unit='-', &
-                    range='> 0', required=.true., only=only, applies=applies))
+                key('critical_state_ratio', 'M: q/p in the critical state, of sand in triaxial '// &
+                    'compression; cam_clay needs it', unit='-', range='> 0', &
+                    required=applies, only=both, applies=applies .or. is_sand))
     call v%real(material%compression_index, &
                 key('compression_index', 'lambda: virgin compression in specific volume over '// &
                     'ln p', unit='-', range='> 0', required=.true., only=only, applies=applies))
@@ -507,9 +513,69 @@ contains
                     range='> 0', only=only, applies=applies))
     call v%real(material%reference_pressure, &
                 key('reference_pressure', 'largest mean effective stress that steps and '// &
-                    'penalties are estimated for', unit='Pa', range='> 0', only=only, &
-                    applies=applies))
+                    'penalties are estimated for', unit='Pa', range='> 0', only=both, &
+                    applies=applies .or. is_sand))
   end subroutine visit_cam_clay
+
+  subroutine visit_sand(v, material, applies)
+    !! Keys of &material on Dafalias & Manzari's sand; defaults are those of Toyoura sand.
+    class(key_visitor_t), intent(inout) :: v
+    type(material_t), intent(inout) :: material
+    logical, intent(in) :: applies
+    character(len=*), parameter :: only = 'model = ''dafalias_manzari'''
+
+    call v%real(material%shear_modulus_number, &
+                key('shear_modulus_number', 'G_0 in G = G_0 p_at (2.97 - e)^2/(1 + e) '// &
+                    'sqrt(p/p_at); this default and those of sand below are Toyoura sand''s, '// &
+                    'with poisson_ratio = 0.05', unit='-', range='> 0', only=only, &
+                    applies=applies))
+    call v%real(material%extension_ratio, &
+                key('extension_ratio', 'c: critical q/p of triaxial extension over that of '// &
+                    'compression', unit='-', range='>= 0.6 and <= 1', only=only, applies=applies))
+    call v%real(material%critical_void_ratio, &
+                key('critical_void_ratio', 'e_0 of the critical state, e_c = e_0 - '// &
+                    'lambda_c (p/p_at)^xi', unit='-', range='> 0 and < 2', only=only, &
+                    applies=applies))
+    call v%real(material%critical_slope, &
+                key('critical_slope', 'lambda_c, likewise', unit='-', range='>= 0', only=only, &
+                    applies=applies))
+    call v%real(material%critical_exponent, &
+                key('critical_exponent', 'xi, likewise', unit='-', range='> 0', only=only, &
+                    applies=applies))
+    call v%real(material%yield_ratio, &
+                key('yield_ratio', 'm: radius of the yield surface in q/p', unit='-', &
+                    range='>= 1e-3 and <= 0.2', only=only, applies=applies))
+    call v%real(material%hardening_number, &
+                key('hardening_number', 'h_0 of the plastic stiffness', unit='-', range='> 0', &
+                    only=only, applies=applies))
+    call v%real(material%hardening_void_factor, &
+                key('hardening_void_factor', 'c_h: the plastic stiffness goes with 1 - c_h e', &
+                    unit='-', range='>= 0', only=only, applies=applies))
+    call v%real(material%bounding_exponent, &
+                key('bounding_exponent', 'n^b: q/p is bounded by M exp(-n^b psi), psi = e - e_c', &
+                    unit='-', range='>= 0', only=only, applies=applies))
+    call v%real(material%dilatancy_number, &
+                key('dilatancy_number', 'A_0 of the dilatancy', unit='-', range='> 0', only=only, &
+                    applies=applies))
+    call v%real(material%dilatancy_exponent, &
+                key('dilatancy_exponent', 'n^d: sand dilates above q/p = M exp(n^d psi)', &
+                    unit='-', range='>= 0', only=only, applies=applies))
+    call v%real(material%fabric_limit, &
+                key('fabric_limit', 'z_max of the fabric that dilation builds', unit='-', &
+                    range='>= 0', only=only, applies=applies))
+    call v%real(material%fabric_rate, &
+                key('fabric_rate', 'c_z: how fast it builds it', unit='-', range='>= 0', &
+                    only=only, applies=applies))
+    call v%real(material%atmospheric_pressure, &
+                key('atmospheric_pressure', 'p_at of the formulas above', unit='Pa', &
+                    range='> 0', only=only, applies=applies))
+    call v%real(material%smallest_pressure, &
+                key('smallest_pressure', 'the mean effective stress does not fall below', &
+                    unit='Pa', range='> 0', only=only, applies=applies))
+    call v%real(material%substep_tolerance, &
+                key('substep_tolerance', 'error of a sub-step over the mean stress', unit='-', &
+                    range='>= 1e-10 and <= 1e-2', only=only, applies=applies))
+  end subroutine visit_sand
 
   subroutine visit_retention(v, material, is_dry)
     !! Keys of &material on partial saturation.

@@ -11,6 +11,9 @@ module dosui_material_model
     !! of the model costs nothing per point; they own the meaning of their state variables.
     character(len=32), allocatable :: state_names(:)   !! set by models that have state variables
     character(len=8), allocatable :: state_units(:)    !! likewise, '-' for numbers
+    integer, allocatable :: state_tensors(:)
+    !! first indices of symmetric tensors among the state variables, nsig components each in the
+    !! order of stresses: they turn with the material
     logical :: is_nonlinear = .false.   !! stresses are no linear function of strains
   contains
     procedure(update_stress_interface), deferred :: update_stress

@@ -2,6 +2,7 @@
 module dosui_materials
   use dosui_kinds, only: wp
   use dosui_cam_clay, only: cam_clay_t
+  use dosui_dafalias_manzari, only: dafalias_manzari_t
   use dosui_drucker_prager, only: drucker_prager_t
   use dosui_error, only: error_t
   use dosui_linear_elastic, only: linear_elastic_t
@@ -96,7 +97,7 @@ contains
     type(error_t), intent(inout) :: err
     type(linear_elastic_t) :: elastic
 
-    if (material%model /= 'cam_clay') then
+    if (material%model /= 'cam_clay' .and. material%model /= 'dafalias_manzari') then
       if (.not. (material%poisson_ratio > -1.0_wp .and. material%poisson_ratio < 0.5_wp)) then
         call err%set('material '''//trim(material%name)//''': poisson_ratio must lie between '// &
                      '-1 and 0.5')
@@ -116,10 +117,12 @@ contains
       call create_drucker_prager(material, model)
     case ('cam_clay')
       call create_cam_clay(material, model)
+    case ('dafalias_manzari')
+      call create_dafalias_manzari(material, model)
     case default
       call err%set('material '''//trim(material%name)//''': unknown model '''// &
                    trim(material%model)//''' (known: linear_elastic, mohr_coulomb, '// &
-                   'drucker_prager, cam_clay)')
+                   'drucker_prager, cam_clay, dafalias_manzari)')
     end select
   end subroutine create_material
 
@@ -168,4 +171,34 @@ contains
     call soil%init()
     allocate (model, source=soil)
   end subroutine create_cam_clay
+
+  subroutine create_dafalias_manzari(material, model)
+    !! The sand from the scene's constants.
+    type(material_t), intent(in) :: material
+    class(material_model_t), allocatable, intent(out) :: model
+    type(dafalias_manzari_t) :: soil
+
+    soil%stiffness = material%shear_modulus_number
+    soil%poisson_ratio = material%poisson_ratio
+    soil%ratio = material%critical_state_ratio
+    soil%extension = material%extension_ratio
+    soil%critical_void_ratio = material%critical_void_ratio
+    soil%critical_slope = material%critical_slope
+    soil%critical_exponent = material%critical_exponent
+    soil%yield_ratio = material%yield_ratio
+    soil%hardening = material%hardening_number
+    soil%hardening_void = material%hardening_void_factor
+    soil%bounding_exponent = material%bounding_exponent
+    soil%dilatancy = material%dilatancy_number
+    soil%dilatancy_exponent = material%dilatancy_exponent
+    soil%fabric_limit = material%fabric_limit
+    soil%fabric_rate = material%fabric_rate
+    soil%atmosphere = material%atmospheric_pressure
+    soil%smallest_pressure = material%smallest_pressure
+    soil%tolerance = material%substep_tolerance
+    soil%reference_pressure = material%reference_pressure
+    soil%reference_void_ratio = material%porosity/(1.0_wp - material%porosity)
+    call soil%init()
+    allocate (model, source=soil)
+  end subroutine create_dafalias_manzari
 end module dosui_materials

@@ -20,8 +20,8 @@ contains
     !! With cell and cell_volume_strain the volume change of each strain is replaced by that of the
     !! particle's cell (B-bar), in equal parts over the scene's directions, so that plane and
     !! uniaxial strain stay what they are. cell_shift is added before that. With spin (updated
-    !! mode) stresses first turn with the material: the Jaumann rate, integrated so that rotations
-    !! keep stress invariants exactly (Hughes & Winget 1980).
+    !! mode) stresses, and tensors among the state variables, first turn with the material: the
+    !! Jaumann rate, integrated so that rotations keep invariants exactly (Hughes & Winget 1980).
     type(material_set_t), intent(in) :: materials
     integer, intent(in) :: n
     integer, intent(in) :: material(n)                      !! index in the set
@@ -35,7 +35,7 @@ contains
     real(wp), intent(in), optional :: spin(nshear, n)       !! as from grid_to_particles [-]
     real(wp), intent(out), optional :: tangent(nsig, nsig, n)   !! as from the materials [Pa]
     real(wp) :: strain(nsig, chunk)
-    integer :: first, last, m, p, here, run_end, n_state
+    integer :: first, last, m, p, here, run_end, n_state, k
 
     do first = 1, n, chunk
       last = min(first + chunk - 1, n)
@@ -50,7 +50,7 @@ contains
         call replace_volume_strain(m, cell(first:last), size(cell_volume_strain), &
                                    cell_volume_strain, strain)
       end if
-      if (present(spin)) call rotate_stress(m, spin(:, first:last), stress(:, first:last))
+      if (present(spin)) call rotate_tensors(m, spin(:, first:last), stress(:, first:last))
       here = first
       do while (here <= last)
         run_end = here
@@ -60,6 +60,14 @@ contains
         end do
         n_state = materials%item(material(here))%model%n_state()
         associate (model => materials%item(material(here))%model)
+          if (present(spin) .and. allocated(model%state_tensors)) then
+            do k = 1, size(model%state_tensors)
+              associate (rows => state(model%state_tensors(k):model%state_tensors(k) + nsig - 1, &
+                                       here:run_end))
+                call rotate_tensors(run_end - here + 1, spin(:, here:run_end), rows)
+              end associate
+            end do
+          end if
           if (present(tangent)) then
             call model%update_stress(run_end - here + 1, &
                                      strain(:, here - first + 1:run_end - first + 1), &
@@ -96,11 +104,11 @@ contains
     end do
   end subroutine replace_volume_strain
 
-  pure subroutine rotate_stress(m, spin, stress)
-    !! Kernel: stress = R stress R^T with R = (I - W/2)^-1 (I + W/2), a rotation for any spin W.
+  pure subroutine rotate_tensors(m, spin, tensor)
+    !! Kernel: S = R S R^T with R = (I - W/2)^-1 (I + W/2), a rotation for any spin W.
     integer, intent(in) :: m
     real(wp), intent(in) :: spin(nshear, m)
-    real(wp), intent(inout) :: stress(nsig, m)
+    real(wp), intent(inout) :: tensor(nsig, m)
     real(wp) :: w(ndim, ndim), r(ndim, ndim), s(ndim, ndim), square
     integer :: a, b, p
 
@@ -120,17 +128,17 @@ contains
       do a = 1, ndim
         r(a, a) = r(a, a) + 1.0_wp
         do b = 1, ndim
-          s(a, b) = stress(voigt_slot(a, b), p)
+          s(a, b) = tensor(voigt_slot(a, b), p)
         end do
       end do
       s = matmul(r, matmul(s, transpose(r)))
       do b = 1, ndim
         do a = 1, ndim
-          stress(voigt_slot(a, b), p) = s(a, b)
+          tensor(voigt_slot(a, b), p) = s(a, b)
         end do
       end do
     end do
-  end subroutine rotate_stress
+  end subroutine rotate_tensors
 
   pure subroutine update_volume(n, strain_increment, volume, porosity, n_inverted, cell, &
                                 cell_volume_strain, first)

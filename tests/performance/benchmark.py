@@ -46,6 +46,7 @@ class Case:
     water: bool
     updated: bool
     soil: str = ""
+    modulus: str = "young_modulus = 1.0e7"
     """more keys of &material"""
     groups: str = ""
     """more groups"""
@@ -73,7 +74,7 @@ class Case:
             f"  deformation = '{mode}' gravity = {vector(['0.0'] * (d - 1) + ['-9.81'])} /",
             f"&grid spacing = {SPACING} shape_function = '{shape}' /",
             f"&time end_time = 1.0e3 maximum_steps = {steps} /",
-            "&material name = 'soil' young_modulus = 1.0e7 poisson_ratio = 0.3 porosity = 0.4",
+            f"&material name = 'soil' {self.modulus} poisson_ratio = 0.3 porosity = 0.4",
             f"  {flow} {self.soil} /",
             "&region name = 'block' material = 'soil' particles_per_cell = 2",
             f"  box_min = {vector(['0.0'] * d)} box_max = {vector([f'{width:.6f}'] * d)}",

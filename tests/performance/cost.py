@@ -66,6 +66,9 @@ STRESSED = (
     "&initial_state effective_stress = 'given'\n"
     "  effective_stress_value = -1.0e3, -1.0e3, -9.0e3, 0.0, 0.0, 0.0 /\n"
 )
+PRESSED = (
+    "&initial_state effective_stress = 'given'\n  effective_stress_value = 3*-1.0e3, 3*0.0 /\n"
+)
 SHAKEN = "&base_motion acceleration = {}, 0.0 formula = 'sin(10*t)' /\n"
 OPTIONS = [
     Option("1-D", "2-D", DRY, None, Case(1, False, False)),
@@ -88,6 +91,8 @@ OPTIONS = [
            replace(DRY, soil="model = 'mohr_coulomb' friction_angle = 30.0", groups=STRESSED)),
     Option("Drucker-Prager", "elastic", replace(DRY, groups=STRESSED), None,
            replace(DRY, soil="model = 'drucker_prager' friction_angle = 30.0", groups=STRESSED)),
+    Option("sand (Dafalias & Manzari)", "elastic", replace(DRY, groups=PRESSED), None,
+           replace(DRY, soil="model = 'dafalias_manzari'", modulus="", groups=PRESSED)),
     Option("shaking", "at rest", DRY,
            replace(DRY, groups="&base_motion /\n"), replace(DRY, groups=SHAKEN.format(1.0))),
     Option("absorbing surface", "free surface", DRY, None,

@@ -1,0 +1,592 @@
+!! The sand model of Dafalias & Manzari (2004): stress-ratio plasticity with a critical state,
+!! bounding and dilatancy surfaces, and a fabric tensor that dilation builds and reversals feel.
+!!
+!! In this module stresses and strains are compression positive and shear strains are tensor
+!! components. Within an increment, sub-steps of 2^-k of it keep the error of modified Euler's rule
+!! below a tolerance (Sloan et al. 2001); since sizes are powers of two, stresses are smooth
+!! functions of the increment but for rare jumps of the size of the error. An elastic part of a
+!! sub-step ends where it meets the yield surface. Afterwards the thin yield surface is put back
+!! around the stress (drift). The mean stress never falls below `smallest_pressure`; there the
+!! stress ratio follows the yield surface instead.
+module dosui_dafalias_manzari
+  use dosui_kinds, only: wp
+  use dosui_dimension, only: nsig, voigt6
+  use dosui_error, only: error_t
+  use dosui_material_model, only: material_model_t
+  use dosui_principal, only: elastic_matrix
+  implicit none
+  private
+
+  integer, parameter :: void_ratio = 1              ! state variable; tensors begin at
+  integer, parameter :: back = 2                    ! alpha
+  integer, parameter :: start = 2 + nsig            ! alpha where the loading began
+  integer, parameter :: fabric = 2 + 2*nsig         ! z
+  integer, parameter :: finest = 16                 ! sub-steps are no shorter than 2^-finest
+  integer, parameter :: most_iterations = 60        ! of the search for the yield surface
+  real(wp), parameter :: root_23 = sqrt(2.0_wp/3.0_wp)
+  real(wp), parameter :: on_surface = 1.0e-9_wp     ! |f| over the surface's radius [-]
+  real(wp), parameter :: at_floor = 1.0_wp + 1.0e-6_wp
+  ! up to here a mean stress counts as the least one, so that round-off does not decide [-]
+  real(wp), parameter :: stable = 1.0_wp
+  ! elastic change of the stress ratio in a sub-step over the yield surface's radius: beyond 2 the
+  ! direction of flow, which turns towards that of the strain, would swing about it [-]
+  real(wp), parameter :: growth = 0.15_wp           ! error over tolerance that doubles a step [-]
+  real(wp), parameter :: least_way = 1.0e-8_wp      ! of alpha since the loading began [-]
+  real(wp), parameter :: least_hardening = 0.01_wp  ! 1 - c_h e [-]
+  real(wp), parameter :: largest_state = 1.0_wp     ! |psi| that surfaces answer to [-]
+  real(wp), parameter :: void_range(2) = [0.01_wp, 2.0_wp]   ! that moduli answer to [-]
+  real(wp), parameter :: largest_start = 0.95_wp    ! alpha at first over the bounding surface [-]
+  real(wp), parameter :: perturbation = 1.0e-4_wp   ! of strains over the largest, for tangents
+  real(wp), parameter :: least_perturbation = 1.0e-11_wp
+
+  type, extends(material_model_t), public :: dafalias_manzari_t
+    !! Constants; the values here are those of Toyoura sand.
+    real(wp) :: stiffness = 125.0_wp            !! G_0 [-]
+    real(wp) :: poisson_ratio = 0.05_wp         !! [-]
+    real(wp) :: ratio = 1.25_wp                 !! M: q/p in the critical state, compression [-]
+    real(wp) :: extension = 0.712_wp            !! c: that of extension over M [-]
+    real(wp) :: critical_void_ratio = 0.934_wp  !! e_0 of the critical state at p = 0 [-]
+    real(wp) :: critical_slope = 0.019_wp       !! lambda_c [-]
+    real(wp) :: critical_exponent = 0.7_wp      !! xi [-]
+    real(wp) :: yield_ratio = 0.01_wp           !! m [-]
+    real(wp) :: hardening = 7.05_wp             !! h_0 [-]
+    real(wp) :: hardening_void = 0.968_wp       !! c_h [-]
+    real(wp) :: bounding_exponent = 1.1_wp      !! n^b [-]
+    real(wp) :: dilatancy = 0.704_wp            !! A_0 [-]
+    real(wp) :: dilatancy_exponent = 3.5_wp     !! n^d [-]
+    real(wp) :: fabric_limit = 4.0_wp           !! z_max [-]
+    real(wp) :: fabric_rate = 600.0_wp          !! c_z [-]
+    real(wp) :: atmosphere = 1.01e5_wp          !! p_at [Pa]
+    real(wp) :: smallest_pressure = 100.0_wp    !! p never falls below [Pa]
+    real(wp) :: tolerance = 1.0e-5_wp           !! error of a sub-step [-]
+    real(wp) :: reference_pressure = 1.0e5_wp   !! that moduli are estimated for [Pa]
+    real(wp) :: reference_void_ratio = 0.7_wp   !! likewise [-]
+  contains
+    procedure :: init => dafalias_manzari_init
+    procedure :: update_stress => dafalias_manzari_update_stress
+    procedure :: tangent => dafalias_manzari_tangent
+    procedure :: start_state => dafalias_manzari_start_state
+    procedure :: constrained_modulus => dafalias_manzari_constrained_modulus
+    procedure :: shear_modulus => dafalias_manzari_shear_modulus
+    procedure :: bulk_modulus => dafalias_manzari_bulk_modulus
+  end type dafalias_manzari_t
+
+  type :: point_t
+    !! What changes within an increment.
+    real(wp) :: stress(nsig) = 0.0_wp   !! [Pa]
+    real(wp) :: back(nsig) = 0.0_wp     !! alpha, centre of the yield surface [-]
+    real(wp) :: start(nsig) = 0.0_wp    !! alpha where the present loading began [-]
+    real(wp) :: fabric(nsig) = 0.0_wp   !! z [-]
+  end type point_t
+
+  type :: plan_t
+    !! Sub-steps of an increment, kept so that tangents belong to the same ones.
+    logical :: is_fixed = .false.
+    integer :: n = 0
+    integer, allocatable :: level(:)    !! k of their sizes 2^-k; not allocated: not kept
+  end type plan_t
+
+contains
+
+  pure subroutine dafalias_manzari_init(self)
+    !! Names the state variables; all constants are components.
+    class(dafalias_manzari_t), intent(inout) :: self
+    character(len=2), parameter :: component(6) = ['xx', 'yy', 'zz', 'xy', 'yz', 'zx']
+    integer :: k
+
+    self%is_nonlinear = .true.
+    self%state_tensors = [back, start, fabric]
+    if (allocated(self%state_names)) deallocate (self%state_names, self%state_units)
+    allocate (self%state_names(1 + 3*nsig), self%state_units(1 + 3*nsig))
+    self%state_units = '-'
+    self%state_names(void_ratio) = 'void_ratio'
+    do k = 1, nsig
+      self%state_names(back + k - 1) = 'back_stress_ratio_'//component(voigt6(k))
+      self%state_names(start + k - 1) = 'initial_back_stress_ratio_'//component(voigt6(k))
+      self%state_names(fabric + k - 1) = 'fabric_'//component(voigt6(k))
+    end do
+  end subroutine dafalias_manzari_init
+
+  subroutine dafalias_manzari_start_state(self, porosity, stress, state)
+    !! The yield surface around the initial stress, within the bounding surface; no fabric.
+    class(dafalias_manzari_t), intent(in) :: self
+    real(wp), intent(in) :: porosity          !! [-]
+    real(wp), intent(in) :: stress(nsig)      !! effective, tension positive [Pa]
+    real(wp), intent(inout) :: state(:)
+    real(wp) :: r(nsig), p, length, bound
+
+    state(void_ratio) = porosity/(1.0_wp - porosity)
+    call split(self, -stress, p, r)
+    length = size_of(r)
+    bound = root_23*largest_start*(self%ratio*self%extension* &
+                                   exp(-self%bounding_exponent* &
+                                       state_parameter(self, p, state(void_ratio))) - &
+                                   self%yield_ratio)
+    if (length > bound) r = r*max(bound, 0.0_wp)/length
+    state(back:back + nsig - 1) = r
+    state(start:start + nsig - 1) = r
+    state(fabric:fabric + nsig - 1) = 0.0_wp
+  end subroutine dafalias_manzari_start_state
+
+  subroutine dafalias_manzari_update_stress(self, n, strain_increment, stress, state, err, tangent)
+    !! Stresses after strain increments. Tangents are central differences over the same sub-steps,
+    !! elastic moduli where nothing is strained. Cannot fail.
+    class(dafalias_manzari_t), intent(in) :: self
+    integer, intent(in) :: n
+    real(wp), intent(in) :: strain_increment(nsig, n)
+    real(wp), intent(inout) :: stress(nsig, n)
+    real(wp), intent(inout) :: state(:, :)
+    type(error_t), intent(inout) :: err
+    real(wp), intent(out), optional :: tangent(nsig, nsig, n)
+    type(point_t) :: before, point
+    type(plan_t) :: plan
+    real(wp) :: strain(nsig), volume
+    integer :: i
+
+    if (err%failed()) return
+    if (present(tangent)) allocate (plan%level(2**finest))
+    do i = 1, n
+      strain = -strain_increment(:, i)
+      strain(4:) = 0.5_wp*strain(4:)
+      before%stress = -stress(:, i)
+      before%back = state(back:back + nsig - 1, i)
+      before%start = state(start:start + nsig - 1, i)
+      before%fabric = state(fabric:fabric + nsig - 1, i)
+      volume = 1.0_wp + state(void_ratio, i)
+      point = before
+      plan%is_fixed = .false.
+      call integrate(self, strain, volume, point, plan)
+      if (present(tangent)) then
+        plan%is_fixed = .true.
+        call differentiate(self, strain, volume, before, plan, tangent(:, :, i))
+      end if
+      stress(:, i) = -point%stress
+      state(void_ratio, i) = void_after(volume, sum(strain(1:3)))
+      state(back:back + nsig - 1, i) = point%back
+      state(start:start + nsig - 1, i) = point%start
+      state(fabric:fabric + nsig - 1, i) = point%fabric
+    end do
+  end subroutine dafalias_manzari_update_stress
+
+  subroutine differentiate(self, strain, volume, before, plan, tangent)
+    !! Kernel: the tangent of an increment by central differences.
+    type(dafalias_manzari_t), intent(in) :: self
+    real(wp), intent(in) :: strain(nsig)    !! the increment
+    real(wp), intent(in) :: volume          !! 1 + e before
+    type(point_t), intent(in) :: before
+    type(plan_t), intent(inout) :: plan
+    real(wp), intent(out) :: tangent(nsig, nsig)
+    type(point_t) :: more, less
+    real(wp) :: change(nsig), step, p, r(nsig), bulk, shear
+    integer :: k
+
+    if (.not. maxval(abs(strain)) > 0.0_wp) then
+      call split(self, before%stress, p, r)
+      call moduli(self, p, volume - 1.0_wp, bulk, shear)
+      tangent = elastic_matrix(bulk - 2.0_wp*shear/3.0_wp, shear)
+      return
+    end if
+    step = max(least_perturbation, perturbation*maxval(abs(strain)))
+    do k = 1, nsig
+      change = 0.0_wp
+      change(k) = step
+      if (k > 3) change(k) = 0.5_wp*step
+      more = before
+      call integrate(self, strain + change, volume, more, plan)
+      less = before
+      call integrate(self, strain - change, volume, less, plan)
+      tangent(:, k) = (more%stress - less%stress)/(2.0_wp*step)
+    end do
+  end subroutine differentiate
+
+  subroutine integrate(self, strain, volume, point, plan)
+    !! Kernel: brings a point to the end of an increment.
+    type(dafalias_manzari_t), intent(in) :: self
+    real(wp), intent(in) :: strain(nsig)    !! the increment
+    real(wp), intent(in) :: volume          !! 1 + e before
+    type(point_t), intent(inout) :: point
+    type(plan_t), intent(inout) :: plan     !! followed if fixed, else filled
+    type(point_t) :: trial
+    real(wp) :: voids(2), size, error, compression
+    integer :: level, place, taken, k
+
+    call lift(self, point)
+    if (.not. maxval(abs(strain)) > 0.0_wp) return
+    compression = sum(strain(1:3))
+    level = 0
+    place = 0   ! in units of 2^-finest
+    k = 0
+    do while (place < 2**finest)
+      k = k + 1
+      if (plan%is_fixed) level = plan%level(k)
+      taken = 2**(finest - level)
+      size = 2.0_wp**(-level)
+      voids(1) = void_after(volume, compression*real(place, wp)/2.0_wp**finest)
+      voids(2) = void_after(volume, compression*real(place + taken, wp)/2.0_wp**finest)
+      trial = point
+      call substep(self, strain*size, voids, trial, error)
+      if (.not. plan%is_fixed) then
+        if (error > self%tolerance .and. level < finest) then
+          k = k - 1
+          level = level + 1
+          cycle
+        end if
+        if (allocated(plan%level)) plan%level(k) = level
+      end if
+      point = trial
+      place = place + taken
+      if (error < growth*self%tolerance .and. level > 0) then
+        if (mod(place, 2*taken) == 0) level = level - 1
+      end if
+    end do
+    if (.not. plan%is_fixed) plan%n = k
+  end subroutine integrate
+
+  pure subroutine substep(self, strain, voids, point, error)
+    !! Kernel: an elastic part up to the yield surface, and modified Euler's rule beyond.
+    type(dafalias_manzari_t), intent(in) :: self
+    real(wp), intent(in) :: strain(nsig)
+    real(wp), intent(in) :: voids(2)        !! e before and after
+    type(point_t), intent(inout) :: point
+    real(wp), intent(out) :: error          !! over the present values [-]
+    type(point_t) :: first, second, trial
+    real(wp) :: direction(nsig), elastic_share, p, r(nsig), bulk, shear, unused, loading
+
+    call rate(self, strain, voids(1), point, first, direction, loading)
+    error = 0.0_wp
+    elastic_share = 0.0_wp
+    if (overstress(self, point) < -on_surface .or. .not. loading > 0.0_wp) then
+      trial = point
+      call move_elastically(self, strain, voids, trial, error)
+      if (.not. overstress(self, trial) > on_surface) then
+        point = trial
+        return
+      end if
+      call find_surface(self, strain, voids, point, elastic_share)
+      trial = point
+      call move_elastically(self, elastic_share*strain, voids, trial, error)
+      point = trial
+      call rate(self, strain, voids(1), point, first, direction, unused)
+    end if
+    if (contract(point%back - point%start, direction) < 0.0_wp) then   ! a new loading begins
+      point%start = point%back
+      call rate(self, strain, voids(1), point, first, direction, unused)
+    end if
+    trial = moved(point, first, 1.0_wp - elastic_share)
+    call rate(self, strain, voids(2), trial, second, direction, unused)
+    call split(self, point%stress, p, r)
+    call moduli(self, p, voids(1), bulk, shear)
+    error = max(error, self%tolerance*(2.0_wp*shear*(1.0_wp - elastic_share)*size_of(strain)/ &
+                                       (stable*p*root_23*self%yield_ratio))**2, &
+                0.5_wp*(1.0_wp - elastic_share)* &
+                max(size_of(second%stress - first%stress)/p, &
+                    size_of(second%back - first%back), &
+                    size_of(second%fabric - first%fabric)/(1.0_wp + self%fabric_limit)))
+    point = moved(moved(point, first, 0.5_wp*(1.0_wp - elastic_share)), second, &
+                  0.5_wp*(1.0_wp - elastic_share))
+    call put_on_surface(self, point)
+  end subroutine substep
+
+  pure function moved(point, rates, share) result(after)
+    !! A point after a share of its rates.
+    type(point_t), intent(in) :: point, rates
+    real(wp), intent(in) :: share
+    type(point_t) :: after
+
+    after%stress = point%stress + share*rates%stress
+    after%back = point%back + share*rates%back
+    after%start = point%start
+    after%fabric = point%fabric + share*rates%fabric
+  end function moved
+
+  pure subroutine rate(self, strain, voids, point, rates, direction, loading)
+    !! Kernel: changes of a point for a strain, elastic and plastic. With h = b_0/(way of alpha)
+    !! the multiplier is l and l h is used as such, since h is infinite where a loading begins.
+    type(dafalias_manzari_t), intent(in) :: self
+    real(wp), intent(in) :: strain(nsig)
+    real(wp), intent(in) :: voids                !! e [-]
+    type(point_t), intent(in) :: point
+    type(point_t), intent(out) :: rates
+    real(wp), intent(out) :: direction(nsig)     !! n: unit deviator out of the yield surface
+    real(wp), intent(out) :: loading             !! > 0: plastic flow [Pa]
+    real(wp) :: r(nsig), square(nsig), p, bulk, shear, compression, length, cube, lode, g, psi
+    real(wp) :: bound, dense, flow, b, c, stiff, softness, way, total, along, lh, l
+
+    call split(self, point%stress, p, r)
+    call moduli(self, p, voids, bulk, shear)
+    compression = sum(strain(1:3))
+    rates%stress = 2.0_wp*shear*strain
+    rates%stress(1:3) = rates%stress(1:3) + (bulk - 2.0_wp*shear/3.0_wp)*compression
+    direction = r - point%back
+    length = size_of(direction)
+    loading = 0.0_wp
+    if (.not. length > on_surface*self%yield_ratio) then
+      direction = 0.0_wp
+      return
+    end if
+    direction = direction/length
+    along = contract(direction, r)
+    loading = 2.0_wp*shear*contract(direction, strain) - along*bulk*compression
+    if (.not. loading > 0.0_wp) return
+    ! surfaces in this direction
+    square = squared(direction)
+    cube = contract(direction, square)
+    lode = max(-1.0_wp, min(1.0_wp, sqrt(6.0_wp)*cube))
+    g = 2.0_wp*self%extension/(1.0_wp + self%extension - (1.0_wp - self%extension)*lode)
+    psi = state_parameter(self, p, voids)
+    bound = root_23*(g*self%ratio*exp(-self%bounding_exponent*psi) - self%yield_ratio)
+    dense = root_23*(g*self%ratio*exp(self%dilatancy_exponent*psi) - self%yield_ratio)
+    ! flow
+    flow = self%dilatancy*(1.0_wp + max(0.0_wp, contract(point%fabric, direction)))* &
+           (dense - contract(point%back, direction))
+    b = 1.0_wp + 1.5_wp*(1.0_wp - self%extension)/self%extension*g*lode
+    c = 3.0_wp*sqrt(1.5_wp)*(1.0_wp - self%extension)/self%extension*g
+    stiff = max(2.0_wp*shear*(b - c*cube) - bulk*flow*along, 0.1_wp*shear)
+    ! hardening
+    way = bound - contract(point%back, direction)
+    softness = max(least_way, contract(point%back - point%start, direction))/ &
+               (self%stiffness*self%hardening* &
+                max(least_hardening, 1.0_wp - self%hardening_void*voids)* &
+                sqrt(self%atmosphere/p))
+    ! beyond the bounding surface: no snap back where a loading has just begun
+    if (way < 0.0_wp) softness = max(softness, -4.0_wp/3.0_wp*p*way/stiff)
+    total = 2.0_wp/3.0_wp*p*way + softness*stiff
+    lh = loading/total
+    l = lh*softness
+    rates%stress = rates%stress - 2.0_wp*shear*l*(b*direction - c*square)
+    rates%stress(1:3) = rates%stress(1:3) - l*(2.0_wp*shear*c/3.0_wp + bulk*flow)
+    rates%back = lh*2.0_wp/3.0_wp*(bound*direction - point%back)
+    rates%fabric = -self%fabric_rate*max(0.0_wp, -l*flow)* &
+                   (self%fabric_limit*direction + point%fabric)
+  end subroutine rate
+
+  pure subroutine move_elastically(self, strain, voids, point, error)
+    !! Kernel: an elastic strain by modified Euler's rule.
+    type(dafalias_manzari_t), intent(in) :: self
+    real(wp), intent(in) :: strain(nsig)
+    real(wp), intent(in) :: voids(2)
+    type(point_t), intent(inout) :: point
+    real(wp), intent(out) :: error
+    real(wp) :: r(nsig), p, bulk(2), shear(2), compression
+
+    compression = sum(strain(1:3))
+    call split(self, point%stress, p, r)
+    call moduli(self, p, voids(1), bulk(1), shear(1))
+    call moduli(self, max(self%smallest_pressure, p + bulk(1)*compression), voids(2), bulk(2), &
+                shear(2))
+    associate (k => 0.5_wp*sum(bulk), g => 0.5_wp*sum(shear))
+      point%stress = point%stress + 2.0_wp*g*strain
+      point%stress(1:3) = point%stress(1:3) + (k - 2.0_wp*g/3.0_wp)*compression
+    end associate
+    call lift(self, point)
+    error = 0.5_wp*max(abs(bulk(2) - bulk(1))*abs(compression), &
+                       2.0_wp*abs(shear(2) - shear(1))*size_of(strain))/p
+  end subroutine move_elastically
+
+  pure subroutine find_surface(self, strain, voids, point, share)
+    !! Kernel: the share of a strain after which an elastic path leaves the yield surface, by
+    !! halving until it is inside, then regula falsi (Illinois); 0 if it is never inside.
+    type(dafalias_manzari_t), intent(in) :: self
+    real(wp), intent(in) :: strain(nsig)
+    real(wp), intent(in) :: voids(2)
+    type(point_t), intent(in) :: point
+    real(wp), intent(out) :: share
+    real(wp) :: low, high, f_low, f_high, f
+    integer :: k, side
+
+    high = 1.0_wp
+    f_high = value_at(high)
+    low = 0.0_wp
+    f_low = overstress(self, point)
+    if (f_low > -on_surface) then
+      low = 0.5_wp
+      do k = 1, most_iterations
+        f_low = value_at(low)
+        if (f_low < -on_surface) exit
+        high = low
+        f_high = f_low
+        low = 0.5_wp*low
+      end do
+    end if
+    share = 0.0_wp
+    if (.not. (f_low < 0.0_wp .and. f_high > 0.0_wp)) return
+    side = 0
+    do k = 1, most_iterations
+      share = (low*f_high - high*f_low)/(f_high - f_low)
+      f = value_at(share)
+      if (abs(f) <= 1.0e-3_wp*on_surface) exit
+      if (f > 0.0_wp) then
+        high = share
+        f_high = f
+        if (side == 1) f_low = 0.5_wp*f_low
+        side = 1
+      else
+        low = share
+        f_low = f
+        if (side == -1) f_high = 0.5_wp*f_high
+        side = -1
+      end if
+    end do
+
+  contains
+
+    pure real(wp) function value_at(part) result(value)
+      real(wp), intent(in) :: part   ! of the strain
+      type(point_t) :: there
+      real(wp) :: unused
+
+      there = point
+      call move_elastically(self, part*strain, voids, there, unused)
+      value = overstress(self, there)
+    end function value_at
+  end subroutine find_surface
+
+  pure real(wp) function overstress(self, point) result(value)
+    !! The yield function over the surface's radius: |r - alpha|/(sqrt(2/3) m) - 1 [-].
+    type(dafalias_manzari_t), intent(in) :: self
+    type(point_t), intent(in) :: point
+    real(wp) :: r(nsig), p
+
+    call split(self, point%stress, p, r)
+    r = r - point%back
+    value = size_of(r)/(root_23*self%yield_ratio) - 1.0_wp
+  end function overstress
+
+  pure subroutine put_on_surface(self, point)
+    !! Kernel: takes the drift away. The yield surface moves to the stress; where the mean stress
+    !! has fallen too low, the stress to the yield surface.
+    type(dafalias_manzari_t), intent(in) :: self
+    type(point_t), intent(inout) :: point
+    real(wp) :: r(nsig), out(nsig), p, length
+
+    call split(self, point%stress, p, r)
+    out = r - point%back
+    length = size_of(out)
+    if (.not. length > 0.0_wp) return
+    out = out*(root_23*self%yield_ratio/length)
+    if (sum(point%stress(1:3))/3.0_wp < at_floor*self%smallest_pressure) then
+      point%stress = p*(point%back + out)
+      point%stress(1:3) = point%stress(1:3) + p
+    else
+      point%back = r - out
+    end if
+  end subroutine put_on_surface
+
+  pure subroutine lift(self, point)
+    !! Kernel: raises the mean stress to its least value.
+    type(dafalias_manzari_t), intent(in) :: self
+    type(point_t), intent(inout) :: point
+
+    point%stress(1:3) = point%stress(1:3) + &
+                        max(0.0_wp, self%smallest_pressure - sum(point%stress(1:3))/3.0_wp)
+  end subroutine lift
+
+  pure subroutine split(self, stress, p, r)
+    !! Mean stress, not below its least value, and the deviator over it.
+    class(dafalias_manzari_t), intent(in) :: self
+    real(wp), intent(in) :: stress(nsig)   !! [Pa]
+    real(wp), intent(out) :: p             !! [Pa]
+    real(wp), intent(out) :: r(nsig)       !! [-]
+
+    p = sum(stress(1:3))/3.0_wp
+    r = stress
+    r(1:3) = r(1:3) - p
+    p = max(p, self%smallest_pressure)
+    r = r/p
+  end subroutine split
+
+  pure subroutine moduli(self, p, voids, bulk, shear)
+    !! G = G_0 p_at (2.97 - e)^2/(1 + e) sqrt(p/p_at), and K of Poisson's ratio.
+    class(dafalias_manzari_t), intent(in) :: self
+    real(wp), intent(in) :: p             !! [Pa]
+    real(wp), intent(in) :: voids         !! e [-]
+    real(wp), intent(out) :: bulk, shear  !! [Pa]
+
+    associate (e => max(void_range(1), min(voids, void_range(2))))
+      shear = self%stiffness*sqrt(self%atmosphere*p)*(2.97_wp - e)**2/(1.0_wp + e)
+    end associate
+    bulk = shear*2.0_wp*(1.0_wp + self%poisson_ratio)/(3.0_wp*(1.0_wp - 2.0_wp*self%poisson_ratio))
+  end subroutine moduli
+
+  pure real(wp) function state_parameter(self, p, voids) result(psi)
+    !! psi = e - e_c: distance from the critical state, e_c = e_0 - lambda_c (p/p_at)^xi.
+    class(dafalias_manzari_t), intent(in) :: self
+    real(wp), intent(in) :: p       !! [Pa]
+    real(wp), intent(in) :: voids   !! e [-]
+
+    psi = voids - self%critical_void_ratio + &
+          self%critical_slope*(p/self%atmosphere)**self%critical_exponent
+    psi = max(-largest_state, min(psi, largest_state))
+  end function state_parameter
+
+  pure real(wp) function void_after(volume, compression) result(voids)
+    !! e after a (logarithmic) volume strain, compression positive, from 1 + e.
+    real(wp), intent(in) :: volume, compression
+
+    voids = max(0.0_wp, volume*exp(max(-1.0_wp, min(-compression, 1.0_wp))) - 1.0_wp)
+  end function void_after
+
+  pure real(wp) function contract(a, b) result(product)
+    !! a : b of symmetric tensors.
+    real(wp), intent(in) :: a(nsig), b(nsig)
+
+    product = sum(a(1:3)*b(1:3)) + 2.0_wp*sum(a(4:)*b(4:))
+  end function contract
+
+  pure real(wp) function size_of(a)
+    !! sqrt(a : a).
+    real(wp), intent(in) :: a(nsig)
+
+    size_of = sqrt(contract(a, a))
+  end function size_of
+
+  pure function squared(a) result(square)
+    !! a . a of a symmetric tensor.
+    real(wp), intent(in) :: a(nsig)
+    real(wp) :: square(nsig)
+    real(wp) :: f(6), s(6)
+
+    f = 0.0_wp
+    f(voigt6) = a
+    s = [f(1)**2 + f(4)**2 + f(6)**2, f(2)**2 + f(4)**2 + f(5)**2, f(3)**2 + f(5)**2 + f(6)**2, &
+         (f(1) + f(2))*f(4) + f(5)*f(6), (f(2) + f(3))*f(5) + f(4)*f(6), &
+         (f(1) + f(3))*f(6) + f(4)*f(5)]
+    square = s(voigt6)
+  end function squared
+
+  subroutine dafalias_manzari_tangent(self, stress, state, tangent)
+    !! The elastic matrix at a stress.
+    class(dafalias_manzari_t), intent(in) :: self
+    real(wp), intent(in) :: stress(nsig)
+    real(wp), intent(in) :: state(:)
+    real(wp), intent(out) :: tangent(nsig, nsig)
+    real(wp) :: p, r(nsig), bulk, shear
+
+    call split(self, -stress, p, r)
+    call moduli(self, p, state(void_ratio), bulk, shear)
+    tangent = elastic_matrix(bulk - 2.0_wp*shear/3.0_wp, shear)
+  end subroutine dafalias_manzari_tangent
+
+  pure real(wp) function dafalias_manzari_bulk_modulus(self) result(modulus)
+    !! K at the reference pressure and void ratio [Pa].
+    class(dafalias_manzari_t), intent(in) :: self
+    real(wp) :: shear
+
+    call moduli(self, self%reference_pressure, self%reference_void_ratio, modulus, shear)
+  end function dafalias_manzari_bulk_modulus
+
+  pure real(wp) function dafalias_manzari_shear_modulus(self) result(modulus)
+    !! G, likewise [Pa].
+    class(dafalias_manzari_t), intent(in) :: self
+    real(wp) :: bulk
+
+    call moduli(self, self%reference_pressure, self%reference_void_ratio, bulk, modulus)
+  end function dafalias_manzari_shear_modulus
+
+  pure real(wp) function dafalias_manzari_constrained_modulus(self) result(modulus)
+    !! M = K + 4 G/3, likewise [Pa].
+    class(dafalias_manzari_t), intent(in) :: self
+
+    modulus = self%bulk_modulus() + 4.0_wp*self%shear_modulus()/3.0_wp
+  end function dafalias_manzari_constrained_modulus
+end module dosui_dafalias_manzari

@@ -27,7 +27,7 @@ module dosui_implicit_system
   implicit none
   private
 
-  public :: add_hourglass_forces, surface_gradients
+  public :: add_hourglass_forces, elastic_tangent, surface_gradients
 
   integer, parameter :: direct_limit(3) = [500000, 12000, 4000]   !! unknowns in 1-D, 2-D, 3-D
   integer, parameter :: last_resort = 20   !! times as many are factorised where iterations fail
@@ -919,7 +919,7 @@ contains
     integer, allocatable :: start(:), particle(:)
     integer :: c, i, p, k, node
 
-    if (.not. model%centred) return
+    if (.not. (model%centred .or. model%finite)) return
     call cell_lists(model%particles%count, model%cell, model%grid%n_cell, start, particle)
     call hourglass_operators(model%grid%spacing, hourglass)
     allocate (internal(ndim, model%grid%n_node), source=0.0_wp)

@@ -316,8 +316,10 @@ contains
     allocate (model%strain_increment(nsig, n), source=0.0_wp)
     allocate (model%no_state(0, n))
     if (allocated(model%tangent)) deallocate (model%tangent)
-    if (model%integrator == 'quasi_static' .and. model%materials%is_nonlinear() .and. &
-        .not. model%rigid) allocate (model%tangent(nsig, nsig, n), source=0.0_wp)
+    if (model%integrator == 'quasi_static' .and. .not. model%rigid .and. &
+        (model%materials%is_nonlinear() .or. model%finite)) then
+      allocate (model%tangent(nsig, nsig, n), source=0.0_wp)
+    end if
     if (model%coupled) allocate (model%volume_strain(n), source=0.0_wp)
     if (model%updated) allocate (model%spin(nshear, n), source=0.0_wp)
     model%material = nint(model%particles%field(model%p%material)%values(1, 1:n))

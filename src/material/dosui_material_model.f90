@@ -12,6 +12,10 @@ module dosui_material_model
     character(len=32), allocatable :: state_names(:)   !! set by models that have state variables
     character(len=8), allocatable :: state_units(:)    !! likewise, '-' for numbers
     logical :: is_nonlinear = .false.   !! stresses are no linear function of strains
+    logical :: is_in_cauchy = .false.
+    !! finite strains: all laws are in Cauchy stresses. Else elasticity is constant and relates
+    !! Kirchhoff stresses to logarithmic strains, strengths limit Cauchy stresses, stresses are
+    !! homogeneous in strength and strain, and state variables are strains.
   contains
     procedure(update_stress_interface), deferred :: update_stress
     procedure(tangent_interface), deferred :: tangent

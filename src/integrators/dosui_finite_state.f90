@@ -7,7 +7,7 @@
 !! n da = J F^-T N dA (Nanson).
 module dosui_finite_state
   use dosui_kinds, only: wp
-  use dosui_dimension, only: ndim, nsig
+  use dosui_dimension, only: ndim, nsig, voigt_slot
   use dosui_error, only: error_t
   use dosui_finite_strain, only: carried_area, deform, elastic_strain, elastic_trial, invert, &
                                  rate_of_logarithm
@@ -78,6 +78,7 @@ contains
       field(h%displacement)%values(:, 1:n) = self%displacement
       call deform(model%grid, n, model%patch, field(h%position)%values(:, 1:n), motion, &
                   deformation, field(h%displacement)%values(:, 1:n))
+      if (model%centred) call take_cell_gradients(self, model, motion, deformation)
       field(h%deformation)%values(:, 1:n) = reshape(deformation, [ndim*ndim, n])
       field(h%position_at_build)%values(:, 1:n) = field(h%position)%values(:, 1:n) + &
                                                   field(h%displacement)%values(:, 1:n)
@@ -99,6 +100,46 @@ contains
     if (model%coupled) call build_water(model, model%p%position_at_build)
     call model%timers%stop(model%phase%rebuild)
   end subroutine start_move
+
+  subroutine take_cell_gradients(self, model, motion, deformation)
+    !! Gives the increments of the particles' deformation gradients the mean that the gradient C of
+    !! their cell has: off a lattice particles do not integrate well, and cells may be cut.
+    class(finite_start_t), intent(in) :: self
+    type(model_t), intent(in) :: model
+    real(wp), intent(in) :: motion(:, :)                  !! of the nodes [m]
+    real(wp), intent(inout) :: deformation(:, :, :)       !! [-]
+    real(wp) :: shift(ndim, ndim, model%grid%n_cell), volume(model%grid%n_cell)
+    real(wp) :: centre(nsig, ndim*2**ndim)
+    logical :: is_used(model%grid%n_cell)
+    integer :: p, c, i, b
+
+    shift = 0.0_wp
+    volume = 0.0_wp
+    is_used = .false.
+    associate (v0 => model%particles%field(model%p%reference_volume)%values)
+      do p = 1, model%particles%count
+        c = model%cell(p)
+        is_used(c) = .true.
+        shift(:, :, c) = shift(:, :, c) - v0(1, p)*(deformation(:, :, p) - &
+                                                    self%deformation(:, :, p))
+        volume(c) = volume(c) + v0(1, p)
+      end do
+    end associate
+    do c = 1, model%grid%n_cell
+      if (.not. is_used(c)) cycle
+      shift(:, :, c) = shift(:, :, c)/volume(c)
+      call model%quadrature%strain_operator(model%grid, c, centre)
+      do i = 1, 2**ndim
+        do b = 1, ndim
+          shift(:, b, c) = shift(:, b, c) + motion(:, model%grid%cell_node(i, c))* &
+                           centre(voigt_slot(b, b), ndim*(i - 1) + b)
+        end do
+      end do
+    end do
+    do p = 1, model%particles%count
+      deformation(:, :, p) = deformation(:, :, p) + shift(:, :, model%cell(p))
+    end do
+  end subroutine take_cell_gradients
 
   subroutine deform_surface(self, model, motion)
     !! Deformation gradients, normals and areas of the surface points.
@@ -171,14 +212,14 @@ contains
           call err%set('particle '//to_text(model%particles%id(p))//' has lost all its volume '// &
                        '(J <= 0)')
         end if
-        model%own_volume(p) = v0(1, p)*jacobian
+        model%own_volume(p) = model%filling(p)*v0(1, p)*jacobian
         total(model%cell(p)) = total(model%cell(p)) + model%own_volume(p)
-        reference(model%cell(p)) = reference(model%cell(p)) + v0(1, p)
+        reference(model%cell(p)) = reference(model%cell(p)) + model%filling(p)*v0(1, p)
       end do
       if (err%failed()) return
       do p = 1, n
         ratio(p) = total(model%cell(p))/reference(model%cell(p))
-        if (.not. model%averaged) ratio(p) = model%own_volume(p)/v0(1, p)
+        if (.not. model%averaged) ratio(p) = model%own_volume(p)/(model%filling(p)*v0(1, p))
       end do
     end associate
   end subroutine find_volume_ratios
@@ -225,7 +266,7 @@ contains
                  v0 => model%particles%field(model%p%reference_volume)%values(1, p))
         call invert(self%deformation(:, :, p), inverse, old)
         old_ratio = self%volume(p)/v0
-        own = model%own_volume(p)/(v0*old)
+        own = model%own_volume(p)/(model%filling(p)*v0*old)
         step = matmul(deformation(:, :, p), inverse)* &
                (ratio(p)/(old_ratio*own))**(1.0_wp/ndim)
         call elastic_tangent(model, p, tangent)

@@ -208,7 +208,16 @@ contains
     real(wp), allocatable, intent(in) :: centre(:, :, :)
     type(cell_operators_t), intent(inout) :: operators
 
-    if (model%finite) then
+    if (model%finite .and. allocated(centre)) then
+      associate (field => model%particles%field)
+        call cell_strain_operators(model%grid, cell, model%patch(particle), &
+                                   field(model%p%position)%values(:, particle), &
+                                   model%own_volume(particle), model%averaged, operators, &
+                                   centre=centre(:, :, cell), &
+                                   inverse=model%inverse_deformation(:, :, particle), &
+                                   reference=field(model%p%reference_volume)%values(1, particle))
+      end associate
+    else if (model%finite) then
       call cell_strain_operators(model%grid, cell, model%patch(particle), &
                                  model%particles%field(model%p%position)%values(:, particle), &
                                  model%own_volume(particle), model%averaged, operators, &
@@ -292,7 +301,7 @@ contains
       end if
       if (model%finite) then   ! D belongs to the Kirchhoff stress
         tangent = tangent*model%particles%field(model%p%reference_volume)%values(1, k)/ &
-                  model%weight(k)
+                  model%particles%field(model%p%volume)%values(1, k)
       end if
       matrix = matrix + model%weight(k)*product_of(operators%strain(:, :, p), tangent)
     end do
@@ -582,7 +591,7 @@ contains
     type(model_t), intent(in) :: model
     type(entries_t), intent(inout) :: skeleton
     real(wp) :: gradient(ndim, 2**ndim), f(ndim, ndim), inverse(ndim, ndim), jacobian, load
-    integer :: e, p, i, j, a, b
+    integer :: e, p, i, j, k, a, b
 
     associate (field => model%surface%field, h => model%s, forces => model%surface_forces, &
                row => self%unknowns%row, sign => self%unknowns%sign)
@@ -590,7 +599,7 @@ contains
         p = forces%entry_point(e)
         associate (condition => model%scene%mechanical_condition(forces%entry_condition(e)))
           if (condition%kind /= 'pressure' .and. condition%kind /= 'reservoir') cycle
-          if (forces%cell(1, p) == 0) cycle
+          if (model%surface_cell(p) == 0) cycle
           load = condition%pressure_at(model%clock%time, &
                                        field(h%position_at_build)%values(:, p))* &
                  field(h%area)%values(1, p)
@@ -599,21 +608,25 @@ contains
         f = reshape(field(h%deformation)%values(:, p), [ndim, ndim])
         call invert(f, inverse, jacobian)
         gradient = matmul(transpose(inverse), gradient)
-        associate (n => field(h%normal)%values(:, p), node => forces%node(:, 1, p))
-          do j = 1, 2**ndim
-            do i = 1, 2**ndim
-              do b = 1, ndim
-                do a = 1, ndim
-                  call skeleton%add(row(a, node(i)), row(b, node(j)), &
-                                    sign(a, node(i))*sign(b, node(j))*load* &
-                                    forces%weight(i, 1, p)* &
-                                    (n(a)*gradient(b, j) - gradient(a, j)*n(b))* &
-                                    self%length/self%force)
+        do k = 1, forces%n_part
+          if (forces%cell(k, p) == 0) cycle
+          associate (n => field(h%normal)%values(:, p), node => forces%node(:, k, p), &
+                     around => model%grid%cell_node(:, model%surface_cell(p)))
+            do j = 1, 2**ndim
+              do i = 1, 2**ndim
+                do b = 1, ndim
+                  do a = 1, ndim
+                    call skeleton%add(row(a, node(i)), row(b, around(j)), &
+                                      sign(a, node(i))*sign(b, around(j))*load* &
+                                      forces%weight(i, k, p)* &
+                                      (n(a)*gradient(b, j) - gradient(a, j)*n(b))* &
+                                      self%length/self%force)
+                  end do
                 end do
               end do
             end do
-          end do
-        end associate
+          end associate
+        end do
       end do
     end associate
   end subroutine add_pressure_loads
@@ -837,6 +850,7 @@ contains
 
     allocate (internal(ndim, model%grid%n_node), source=0.0_wp)
     call cell_lists(model%particles%count, model%cell, model%grid%n_cell, start, particle)
+    call centre_operators(model, centre)
     do c = 1, model%grid%n_cell
       if (start(c + 1) == start(c)) cycle
       call operators_of_cell(model, c, particle(start(c):start(c + 1) - 1), centre, operators)

@@ -563,7 +563,7 @@ contains
     if (model%finite) then
       call find_flow(model, time, start, water)
       call self%system%stored(model, a, pressure, stored, err)
-      water = supply + a*water - stored - &
+      water = supply + a*water - stored - model%filling* &
               (model%particles%field(model%p%volume)%values(1, 1:size(water)) - self%start%volume)
       return
     end if
@@ -694,7 +694,7 @@ contains
       field(h%velocity)%values(:, 1:n) = (field(h%displacement)%values(:, 1:n) - &
                                           self%start%displacement)/model%clock%dt
       if (model%coupled) model%volume_strain = &
-        (field(h%volume)%values(1, 1:n) - self%start%volume)/model%weight
+        (1.0_wp - self%start%volume/field(h%volume)%values(1, 1:n))
     end associate
     associate (field => model%surface%field, h => model%s)
       field(h%velocity)%values(:, 1:m) = (field(h%displacement)%values(:, 1:m) - &

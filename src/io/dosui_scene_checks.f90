@@ -870,10 +870,6 @@ contains
     if (any(scene%material%rigid)) then
       call checker%complain('scene', 1, 'deformation', 'finite needs a skeleton that moves')
     end if
-    if (scene%mechanics%coupling_gradient == 'cell_centre') then
-      call checker%complain('mechanics', 1, 'coupling_gradient', &
-                            'finite strains take the particles'' own gradients')
-    end if
     do k = 1, size(scene%mechanical_condition)
       if (scene%mechanical_condition(k)%imposition == 'penalty') then
         call checker%complain('mechanical_condition', k, 'imposition', &

@@ -237,7 +237,7 @@ def errors(run: Run, name: str = "soft") -> np.ndarray:
         {},
         {"poisson_ratio": 0.3},
         {"dimension": 2, "per_cell": 2},
-        {"dimension": 2, "cells": 40, "per_cell": 2, "shape": "gimp"},
+        {"dimension": 2, "per_cell": 2, "shape": "bspline", "jitter": 0.2},
         {"dimension": 3, "cells": 20, "per_cell": 1},
     ],
 )
@@ -266,23 +266,66 @@ def test_error_falls_with_the_grid(dosui: Runner) -> None:
 @pytest.mark.parametrize("dimension", [1, 2, 3])
 @pytest.mark.parametrize("shape", ["linear", "bspline"])
 def test_dry_column_is_exact(dosui: Runner, dimension: int, shape: str) -> None:
-    """sigma = M ln J/J everywhere, in one step. Splines: edge cells are off, see docs/theory.md."""
+    """sigma = M ln J/J everywhere, in one step, on scattered particles."""
     column = SoftColumn(
-        dimension=dimension, cells=6, per_cell=2, poisson_ratio=0.25, water=False, shape=shape
+        dimension=dimension,
+        cells=6,
+        per_cell=2,
+        poisson_ratio=0.25,
+        water=False,
+        shape=shape,
+        jitter=0.2,
     )
     run = dosui(column.text())
     assert run.status == 0, run.stderr
     fields = run.fields("soft")
     height = fields["points"][:, 2] - fields["displacement"][:, 2]
     stress = fields["effective_stress"]
-    if shape == "bspline" and dimension > 1:
-        assert np.sqrt(np.mean((fields["points"][:, 2] / height - 0.5) ** 2)) <= 5e-3
-        assert np.abs(stress[:, 2] / -HALF - 1).max() <= 0.15
-        return
-    assert np.allclose(fields["points"][:, 2], 0.5 * height, rtol=1e-8)
-    assert np.allclose(stress[:, 2], -HALF, rtol=1e-8)
-    assert np.allclose(stress[:, 0], -HALF / 3, rtol=3e-8)
-    assert np.allclose(fields["porosity"], 1 - 0.4 / 0.5, rtol=4e-8)
+    assert np.allclose(fields["points"][:, 2], 0.5 * height, rtol=1e-12)
+    assert np.allclose(stress[:, 2], -HALF, rtol=1e-12)
+    assert np.allclose(stress[:, 0], -HALF / 3, rtol=1e-12)
+    assert np.allclose(fields["porosity"], 1 - 0.4 / 0.5, rtol=1e-11)
+
+
+@pytest.mark.parametrize(("pressure", "jitter"), [(5.0e5, 0.2), (2.0e6, 0.0)])
+def test_pressed_wedge_keeps_its_shape(dosui: Runner, pressure: float, jitter: float) -> None:
+    """Pressures on a sloping face through cells and on the top, smooth walls: (l + G) 2 e = -p J,
+    J = exp(2 e). Particles' own gradients know nothing of the cut cells."""
+    text = f"""
+&scene dimension = 2 deformation = 'finite' integrator = 'quasi_static' water = 'none'
+  gravity = 2*0.0 /
+&grid spacing = 0.25 /
+&time end_time = 1.0 /
+&material name = 'soft' young_modulus = 1.0e6 poisson_ratio = 0.25 /
+&region name = 'wedge' material = 'soft' shape = 'polygon' jitter = {jitter}
+  vertices = 0.0, 0.0, 2.0, 0.0, 1.0, 2.0, 0.0, 2.0 /
+&surface name = 'base' region = 'wedge' face = 'edge1' /
+&surface name = 'slope' region = 'wedge' face = 'edge2' /
+&surface name = 'top' region = 'wedge' face = 'edge3' /
+&surface name = 'axis' region = 'wedge' face = 'edge4' /
+&mechanical_condition surface = 'base' kind = 'roller' /
+&mechanical_condition surface = 'axis' kind = 'roller' /
+&mechanical_condition surface = 'slope' kind = 'pressure' value = {pressure} /
+&mechanical_condition surface = 'top' kind = 'pressure' value = {pressure} /
+&output name = 'wedge' /
+"""
+    strain = -0.1
+    for _ in range(50):
+        load = pressure * np.exp(2 * strain)
+        strain -= (load + 1.6e6 * strain) / (2 * load + 1.6e6)
+    found = []
+    for mechanics in ("", "&mechanics coupling_gradient = 'particle' /\n"):
+        if mechanics and pressure > 1e6:
+            continue  # too far off to find any equilibrium
+        run = dosui(text.replace("&output", mechanics + "&output"), folder=mechanics[-12:-3])
+        assert run.status == 0, run.stderr
+        fields = run.fields("wedge")
+        start = fields["points"] - fields["displacement"]
+        moved = np.abs(fields["points"] - np.exp(strain) * start)[:, [0, 2]].max()
+        found.append((moved, np.abs(fields["effective_stress"][:, [0, 2]] / -pressure - 1).max()))
+    assert found[0][0] <= 5e-4
+    assert found[0][1] <= 7e-3  # as in small strains: loads of parts of the face
+    assert found[-1][1] > 20 * found[0][1] or pressure > 1e6
 
 
 def test_block_between_plates_widens(dosui: Runner) -> None:
@@ -309,9 +352,10 @@ def test_block_between_plates_widens(dosui: Runner) -> None:
 def test_ranks_and_restart(dosui: Runner, ranks: int) -> None:
     """Ranks agree to 1e-11; a restart goes on bit by bit."""
     text = SoftColumn(dimension=2, cells=10, per_cell=2, jitter=0.1).text()
+    text = text.replace("&time", "&time maximum_steps = 40")
     one = dosui(text, folder="one").fields("soft")
     many = dosui(text, ranks=ranks, folder="many").fields("soft")
-    part = text.replace("&time", "&time maximum_steps = 40").replace(
+    part = text.replace("steps = 40", "steps = 25").replace(
         "&output", "&output checkpoint_steps = 20"
     )
     first = dosui(part, ranks=ranks, folder="part")
@@ -714,8 +758,14 @@ def test_geostatic_start_needs_no_motion(dosui: Runner, soil: str) -> None:
 
 
 def test_ranks_and_restart_of_clay(dosui: Runner) -> None:
-    """As `test_ranks_and_restart`, with a soil that yields; 12 steps."""
+    """As `test_ranks_and_restart`, with a soil that yields and a slope through cells."""
     text = clay_column(2, 8).replace("&time", "&time maximum_steps = 12")
+    corners = "shape = 'polygon' vertices = 0.0, 0.0, 0.6, 0.0, 0.25, 1.0, 0.0, 1.0"
+    text = re.sub(r"box_min = .* box_max = .*", corners, text)
+    text = text.replace("'x+' kind = 'roller'", "'x+' kind = 'pressure' value = 8.0e4")
+    text = text.replace(f"value = {CLAY_START + CLAY_LOAD!r}", "value = 1.2e5")
+    for face, edge in (("z-", 1), ("x+", 2), ("z+", 3), ("x-", 4)):
+        text = text.replace(f" face = '{face}'", f" face = 'edge{edge}'")
     one = dosui(text, folder="one").fields("soft")
     many = dosui(text, ranks=3, folder="many").fields("soft")
     part = text.replace("steps = 12", "steps = 9").replace(
@@ -730,7 +780,7 @@ def test_ranks_and_restart_of_clay(dosui: Runner) -> None:
         order_one, order_many = (np.lexsort(f["points"].round(6).T) for f in (one, many))
         assert np.abs(one[name][order_one] - many[name][order_many]).max() <= 1e-11 * scale, name
         assert np.array_equal(many[name], rest[name]), name
-    assert one["preconsolidation_pressure"].max() > 2 * CLAY_START  # it yields
+    assert one["preconsolidation_pressure"].max() > 1.1 * CLAY_START  # it yields
 
 
 # ---------------------------------------------------------------- what is refused
@@ -740,7 +790,12 @@ def test_ranks_and_restart_of_clay(dosui: Runner) -> None:
     ("old", "new", "expected"),
     [
         ("'auto'", "'explicit'", "finite works with integrator = 'quasi_static' only"),
-        ("&output", "&mechanics coupling_gradient = 'cell_centre' /\n&output", "own gradients"),
+        (
+            "porosity = 0.6",
+            "porosity = 0.6 retention = 'van_genuchten' retention_alpha = 1.0",
+            "ret",
+        ),
+        ("kind = 'roller'", "kind = 'roller' imposition = 'penalty'", "penalty does not work"),
     ],
 )
 def test_what_finite_strains_cannot_do(dosui: Runner, old: str, new: str, expected: str) -> None:

@@ -13,6 +13,7 @@ module dosui_finite_state
                                  rate_of_logarithm
   use dosui_implicit_system, only: elastic_tangent, surface_gradients
   use dosui_model, only: model_t
+  use dosui_pore_water, only: saturation_at
   use dosui_stress_update, only: update_stress
   use dosui_text, only: to_text
   use dosui_topology, only: build_water, refresh_weights
@@ -232,12 +233,16 @@ contains
     real(wp), intent(in) :: deformation(:, :, :)
     type(error_t), intent(inout) :: err
     real(wp), allocatable :: ratio(:), increment(:, :), trial(:, :), value(:, :), axes(:, :, :)
+    real(wp), allocatable :: wet(:)   ! saturation at the start [-]
     integer :: p, n
 
     call find_volume_ratios(model, deformation, ratio, err)
     if (err%failed()) return
     n = model%particles%count
     allocate (increment(nsig, n), trial(nsig, n), value(3, n), axes(3, 3, n))
+    if (model%coupled) then
+      wet = saturation_at(model, model%particles%field(model%p%pore_pressure)%values(1, 1:n))
+    end if
     associate (field => model%particles%field, h => model%p)
       field(h%effective_stress)%values(:, 1:n) = self%stress
       if (h%state > 0) field(h%state)%values(:, 1:n) = self%state
@@ -316,7 +321,7 @@ contains
         field(h%porosity)%values(1, p) = 1.0_wp - (1.0_wp - self%porosity(p))*self%volume(p)/ &
                                          field(h%volume)%values(1, p)
         if (model%coupled) then   ! the water that left is no longer carried
-          field(h%mass)%values(1, p) = self%mass(p) + model%scene%water%density* &
+          field(h%mass)%values(1, p) = self%mass(p) + model%scene%water%density*wet(p)* &
                                        (field(h%volume)%values(1, p) - self%volume(p))
         end if
       end associate

@@ -374,7 +374,18 @@ contains
     integer, intent(in) :: particle(:)             !! of the cell
     real(wp), intent(inout) :: matrix(:, :)        !! [Pa m]
     real(wp) :: geometric(size(matrix, 1), size(matrix, 2)), stress(nsig), mean, water, volume
+    real(wp) :: bearing(size(particle))   ! pressures that the skeleton feels [Pa]
     integer :: p, k, a, i
+
+    bearing = 0.0_wp
+    if (model%coupled) then
+      bearing = model%particles%field(model%p%pore_pressure)%values(1, particle)
+      do p = 1, size(particle)
+        if (.not. model%unsaturated) exit
+        bearing(p) = bearing(p)* &
+                     model%retention(model%material(particle(p)))%saturation(bearing(p))
+      end do
+    end if
 
     associate (sigma => model%particles%field(model%p%effective_stress)%values, &
                v0 => model%particles%field(model%p%reference_volume)%values)
@@ -386,8 +397,7 @@ contains
           do a = 1, ndim
             mean = mean + v0(1, k)*sigma(voigt_slot(a, a), k)/ndim
           end do
-          if (model%coupled) water = water + v0(1, k)* &
-                                     model%particles%field(model%p%pore_pressure)%values(1, k)
+          water = water + v0(1, k)*bearing(p)
         end do
         volume = sum(v0(1, particle))
         mean = mean/volume
@@ -403,8 +413,8 @@ contains
                                        sum([(sigma(voigt_slot(i, i), k), i=1, ndim)])/ndim
           end do
           volume = model%own_volume(k)
-        else if (model%coupled) then
-          water = model%particles%field(model%p%pore_pressure)%values(1, k)
+        else
+          water = bearing(p)
         end if
         call geometric_stiffness(operators%gradient(:, :, p), stress*model%weight(k), &
                                  (water - mean)*volume, geometric)
@@ -841,7 +851,7 @@ contains
     !! forces; the derivative of these is the system's. Collective.
     class(implicit_system_t), intent(in) :: self
     type(model_t), intent(inout) :: model
-    real(wp), intent(in) :: pressure(:)        !! of the particles [Pa]
+    real(wp), intent(in) :: pressure(:)        !! that the skeleton feels at particles [Pa]
     real(wp), intent(inout) :: force(:, :)     !! (ndim, n_node) [N]
     type(cell_operators_t) :: operators
     integer, allocatable :: start(:), particle(:)

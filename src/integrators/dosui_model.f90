@@ -56,7 +56,7 @@ module dosui_model
     logical :: updated = .false.     !! particles move, geometry follows
     logical :: finite = .false.      !! finite strains on a total Lagrangian grid
     logical :: unsaturated = .false. !! suction empties pores
-    logical :: nonlinear = .false.   !! small-strain steps need Newton's iterations
+    logical :: nonlinear = .false.   !! soils or suction need Newton's iterations, with kinks
     logical :: switching = .false.   !! surface points may change between head and flux
     integer :: inverted = 0          !! a particle that lost all its volume; 0: none
     logical :: relaxing = .false.    !! an equilibrium is sought: particles keep their places

@@ -15,7 +15,7 @@ module dosui_quasi_static
   use dosui_finite_state, only: finite_start_t, refresh_finite
   use dosui_implicit_system, only: add_hourglass_forces, implicit_system_t
   use dosui_model, only: model_t
-  use dosui_pore_water, only: content_change, mean_saturation, wet_masses
+  use dosui_pore_water, only: content_change, mean_saturation, saturation_at, wet_masses
   use dosui_scene, only: table_t
   use dosui_seepage, only: seepage_t
   use dosui_skeleton_step, only: gather_forces, gather_loads, update_particles, zero_velocities
@@ -558,9 +558,9 @@ contains
     real(wp), intent(in) :: pressure(:)        !! since then [Pa]
     real(wp), intent(inout) :: water(:)
     type(error_t), intent(inout) :: err
-    real(wp) :: stored(size(water))
+    real(wp) :: stored(size(water)), pores(size(water))
 
-    if (model%finite) then
+    if (model%finite .and. .not. model%unsaturated) then
       call find_flow(model, time, start, water)
       call self%system%stored(model, a, pressure, stored, err)
       water = supply + a*water - stored - model%filling* &
@@ -569,12 +569,21 @@ contains
     end if
     call find_flow(model, time, start + pressure, water)
     call self%system%stored_by_projection(pressure, stored)
+    pores = 1.0_wp
+    if (model%finite) pores = 0.5_wp + 0.5_wp*self%start%porosity*self%start%volume/ &
+                              (model%particles%field(model%p%porosity)%values(1, 1:size(water))* &
+                               model%particles%field(model%p%volume)%values(1, 1:size(water)))
     water = supply + a*water - stored - model%weight* &
-            (content_change(model, start, start + pressure) - &
+            (pores*content_change(model, start, start + pressure) - &
              model%storage%compressibility*pressure)
     if (model%rigid) return
-    water = water - model%weight*model%volume_strain* &
-            mean_saturation(model, start, start + pressure)
+    if (model%finite) then   ! mean pores, mean saturation: the difference of their product
+      water = water - model%filling*mean_saturation(model, start, start + pressure)* &
+              (model%particles%field(model%p%volume)%values(1, 1:size(water)) - self%start%volume)
+    else
+      water = water - model%weight*model%volume_strain* &
+              mean_saturation(model, start, start + pressure)
+    end if
   end subroutine water_residual
 
   subroutine force_residual(self, model, pressure, motion, force)
@@ -592,7 +601,7 @@ contains
     if (model%finite) then
       call gather_loads(model)
       force = model%nodal(2 + ndim:, :)
-      call self%system%internal_forces(model, pressure, force)
+      call self%system%internal_forces(model, pressure*saturation_at(model, pressure), force)
     else
       call gather_forces(model)
       force = model%nodal(2 + ndim:, :)

@@ -806,10 +806,6 @@ contains
     if (.not. is_unsaturated) return
     if (is_literal) call checker%complain('water', 1, 'operator', &
                                           'retention needs operator = ''compact''')
-    if (scene%deformation == 'finite') then
-      call checker%complain('scene', 1, 'deformation', 'retention does not work with finite '// &
-                            'strains')
-    end if
     if (scene%integrator == 'semi_implicit') then
       call checker%complain('scene', 1, 'integrator', 'retention works with explicit and '// &
                             'quasi_static steps')

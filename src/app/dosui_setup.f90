@@ -44,8 +44,7 @@ contains
     model%finds_surface = model%updated .and. any(scene%surface%face == 'free')
     model%averaged = scene%mechanics%average_volume_change .and. .not. model%rigid
     model%finite = scene%deformation == 'finite'
-    model%centred = model%averaged .and. .not. model%finite .and. &
-                    scene%mechanics%coupling_gradient /= 'particle'
+    model%centred = model%averaged .and. scene%mechanics%coupling_gradient /= 'particle'
     call prepare_conditions(model)
     n = size(scene%hydraulic_condition)
     allocate (model%condition_surface(n))

@@ -7,15 +7,20 @@
 !! n da = J F^-T N dA (Nanson).
 module dosui_finite_state
   use dosui_kinds, only: wp
-  use dosui_dimension, only: ndim, nsig
+  use dosui_dimension, only: ndim, nsig, voigt_slot
   use dosui_error, only: error_t
-  use dosui_finite_strain, only: carried_area, deform, invert, logarithmic_strain
-  use dosui_implicit_system, only: surface_gradients
+  use dosui_finite_strain, only: carried_area, deform, elastic_strain, elastic_trial, invert, &
+                                 rate_of_logarithm
+  use dosui_implicit_system, only: elastic_tangent, surface_gradients
   use dosui_model, only: model_t
+  use dosui_pore_water, only: saturation_at
+  use dosui_stress_update, only: update_stress
   use dosui_text, only: to_text
   use dosui_topology, only: build_water, refresh_weights
   implicit none
   private
+
+  public :: refresh_finite
 
   type, public :: finite_start_t
     !! What a motion of the nodes starts from.
@@ -24,6 +29,8 @@ module dosui_finite_state
     real(wp), allocatable :: surface_displacement(:, :)   !! of the surface points [m]
     real(wp), allocatable :: surface_deformation(:, :)    !! likewise (ndim*ndim, points) [-]
     real(wp), allocatable :: volume(:), porosity(:), mass(:)
+    real(wp), allocatable :: stress(:, :)                 !! effective [Pa]
+    real(wp), allocatable :: state(:, :)                  !! of the materials
   contains
     procedure :: take => start_take
     procedure :: move => start_move
@@ -45,6 +52,8 @@ contains
       self%volume = field(h%volume)%values(1, 1:n)
       self%porosity = field(h%porosity)%values(1, 1:n)
       self%mass = field(h%mass)%values(1, 1:n)
+      self%stress = field(h%effective_stress)%values(:, 1:n)
+      if (h%state > 0) self%state = field(h%state)%values(:, 1:n)
     end associate
     associate (field => model%surface%field, h => model%s)
       self%surface_displacement = field(h%displacement)%values(:, 1:m)
@@ -70,6 +79,7 @@ contains
       field(h%displacement)%values(:, 1:n) = self%displacement
       call deform(model%grid, n, model%patch, field(h%position)%values(:, 1:n), motion, &
                   deformation, field(h%displacement)%values(:, 1:n))
+      if (model%centred) call take_cell_gradients(self, model, motion, deformation)
       field(h%deformation)%values(:, 1:n) = reshape(deformation, [ndim*ndim, n])
       field(h%position_at_build)%values(:, 1:n) = field(h%position)%values(:, 1:n) + &
                                                   field(h%displacement)%values(:, 1:n)
@@ -91,6 +101,46 @@ contains
     if (model%coupled) call build_water(model, model%p%position_at_build)
     call model%timers%stop(model%phase%rebuild)
   end subroutine start_move
+
+  subroutine take_cell_gradients(self, model, motion, deformation)
+    !! Gives the increments of the particles' deformation gradients the mean that the gradient C of
+    !! their cell has: off a lattice particles do not integrate well, and cells may be cut.
+    class(finite_start_t), intent(in) :: self
+    type(model_t), intent(in) :: model
+    real(wp), intent(in) :: motion(:, :)                  !! of the nodes [m]
+    real(wp), intent(inout) :: deformation(:, :, :)       !! [-]
+    real(wp) :: shift(ndim, ndim, model%grid%n_cell), volume(model%grid%n_cell)
+    real(wp) :: centre(nsig, ndim*2**ndim)
+    logical :: is_used(model%grid%n_cell)
+    integer :: p, c, i, b
+
+    shift = 0.0_wp
+    volume = 0.0_wp
+    is_used = .false.
+    associate (v0 => model%particles%field(model%p%reference_volume)%values)
+      do p = 1, model%particles%count
+        c = model%cell(p)
+        is_used(c) = .true.
+        shift(:, :, c) = shift(:, :, c) - v0(1, p)*(deformation(:, :, p) - &
+                                                    self%deformation(:, :, p))
+        volume(c) = volume(c) + v0(1, p)
+      end do
+    end associate
+    do c = 1, model%grid%n_cell
+      if (.not. is_used(c)) cycle
+      shift(:, :, c) = shift(:, :, c)/volume(c)
+      call model%quadrature%strain_operator(model%grid, c, centre)
+      do i = 1, 2**ndim
+        do b = 1, ndim
+          shift(:, b, c) = shift(:, b, c) + motion(:, model%grid%cell_node(i, c))* &
+                           centre(voigt_slot(b, b), ndim*(i - 1) + b)
+        end do
+      end do
+    end do
+    do p = 1, model%particles%count
+      deformation(:, :, p) = deformation(:, :, p) + shift(:, :, model%cell(p))
+    end do
+  end subroutine take_cell_gradients
 
   subroutine deform_surface(self, model, motion)
     !! Deformation gradients, normals and areas of the surface points.
@@ -120,20 +170,40 @@ contains
     end associate
   end subroutine deform_surface
 
-  subroutine find_stresses(self, model, deformation, err)
-    !! Volumes, stresses, porosities and masses from deformation gradients.
-    class(finite_start_t), intent(in) :: self
+  subroutine refresh_finite(model, err)
+    !! What follows from the deformation gradients at hand, with the elastic stiffness. Collective.
+    type(model_t), intent(inout) :: model
+    type(error_t), intent(inout) :: err
+    real(wp) :: tangent(nsig, nsig)
+    real(wp), allocatable :: ratio(:)
+    integer :: p, n
+
+    n = model%particles%count
+    call find_volume_ratios(model, reshape(model%particles%field(model%p%deformation)% &
+                                           values(:, 1:n), [ndim, ndim, n]), ratio, err)
+    call model%comm%agree(err)
+    if (err%failed()) return
+    do p = 1, n
+      call elastic_tangent(model, p, tangent)
+      model%tangent(:, :, p) = tangent
+    end do
+    call refresh_weights(model)
+    if (model%coupled) call build_water(model, model%p%position_at_build)
+  end subroutine refresh_finite
+
+  subroutine find_volume_ratios(model, deformation, ratio, err)
+    !! Inverses and own volumes of particles, and J of their cells.
     type(model_t), intent(inout) :: model
     real(wp), intent(in) :: deformation(:, :, :)
+    real(wp), allocatable, intent(out) :: ratio(:)   !! J that particles take [-]
     type(error_t), intent(inout) :: err
-    real(wp) :: total(model%grid%n_cell), reference(model%grid%n_cell)
-    real(wp) :: strain(nsig), tangent(nsig, nsig), jacobian, mean
+    real(wp) :: total(model%grid%n_cell), reference(model%grid%n_cell), jacobian
     integer :: p, n
 
     n = model%particles%count
     if (allocated(model%inverse_deformation)) deallocate (model%inverse_deformation)
     if (allocated(model%own_volume)) deallocate (model%own_volume)
-    allocate (model%inverse_deformation(ndim, ndim, n), model%own_volume(n))
+    allocate (model%inverse_deformation(ndim, ndim, n), model%own_volume(n), ratio(n))
     total = 0.0_wp
     reference = 0.0_wp
     associate (v0 => model%particles%field(model%p%reference_volume)%values)
@@ -143,29 +213,125 @@ contains
           call err%set('particle '//to_text(model%particles%id(p))//' has lost all its volume '// &
                        '(J <= 0)')
         end if
-        model%own_volume(p) = v0(1, p)*jacobian
+        model%own_volume(p) = model%filling(p)*v0(1, p)*jacobian
         total(model%cell(p)) = total(model%cell(p)) + model%own_volume(p)
-        reference(model%cell(p)) = reference(model%cell(p)) + v0(1, p)
+        reference(model%cell(p)) = reference(model%cell(p)) + model%filling(p)*v0(1, p)
       end do
       if (err%failed()) return
-      associate (field => model%particles%field, h => model%p)
-        do p = 1, n
-          mean = total(model%cell(p))/reference(model%cell(p))
-          if (.not. model%averaged) mean = model%own_volume(p)/v0(1, p)
-          call logarithmic_strain(deformation(:, :, p)* &
-                                  (mean*v0(1, p)/model%own_volume(p))**(1.0_wp/ndim), strain)
-          call model%materials%item(model%material(p))%model%tangent( &
-            field(h%effective_stress)%values(:, p), model%no_state(:, p), tangent)
-          field(h%effective_stress)%values(:, p) = matmul(tangent, strain)/mean
-          field(h%volume)%values(1, p) = v0(1, p)*mean
-          field(h%porosity)%values(1, p) = 1.0_wp - (1.0_wp - self%porosity(p))*self%volume(p)/ &
-                                           field(h%volume)%values(1, p)
-          if (model%coupled) then   ! the water that left is no longer carried
-            field(h%mass)%values(1, p) = self%mass(p) + model%scene%water%density* &
-                                         (field(h%volume)%values(1, p) - self%volume(p))
-          end if
-        end do
-      end associate
+      do p = 1, n
+        ratio(p) = total(model%cell(p))/reference(model%cell(p))
+        if (.not. model%averaged) ratio(p) = model%own_volume(p)/(model%filling(p)*v0(1, p))
+      end do
     end associate
+  end subroutine find_volume_ratios
+
+  subroutine find_stresses(self, model, deformation, err)
+    !! Volumes, stresses, porosities and masses from deformation gradients: the elastic trial
+    !! strains of the step, which models see as strain increments of its start.
+    class(finite_start_t), intent(in) :: self
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: deformation(:, :, :)
+    type(error_t), intent(inout) :: err
+    real(wp), allocatable :: ratio(:), increment(:, :), trial(:, :), value(:, :), axes(:, :, :)
+    real(wp), allocatable :: wet(:)   ! saturation at the start [-]
+    integer :: p, n
+
+    call find_volume_ratios(model, deformation, ratio, err)
+    if (err%failed()) return
+    n = model%particles%count
+    allocate (increment(nsig, n), trial(nsig, n), value(3, n), axes(3, 3, n))
+    if (model%coupled) then
+      wet = saturation_at(model, model%particles%field(model%p%pore_pressure)%values(1, 1:n))
+    end if
+    associate (field => model%particles%field, h => model%p)
+      field(h%effective_stress)%values(:, 1:n) = self%stress
+      if (h%state > 0) field(h%state)%values(:, 1:n) = self%state
+      do p = 1, n
+        call take_trial(p)
+      end do
+      if (h%state > 0) then
+        call update_with(field(h%state)%values)
+      else
+        call update_with(model%no_state)
+      end if
+      do p = 1, n
+        call finish_particle(p)
+      end do
+    end associate
+
+  contains
+
+    subroutine take_trial(p)
+      !! Trial strain of a particle, and the stress and strain increment that its model sees.
+      integer, intent(in) :: p
+      real(wp) :: step(ndim, ndim), inverse(ndim, ndim), tangent(nsig, nsig), elastic(nsig)
+      real(wp) :: old, old_ratio, own
+
+      associate (sigma => model%particles%field(model%p%effective_stress)%values, &
+                 v0 => model%particles%field(model%p%reference_volume)%values(1, p))
+        call invert(self%deformation(:, :, p), inverse, old)
+        old_ratio = self%volume(p)/v0
+        own = model%own_volume(p)/(model%filling(p)*v0*old)
+        step = matmul(deformation(:, :, p), inverse)* &
+               (ratio(p)/(old_ratio*own))**(1.0_wp/ndim)
+        call elastic_tangent(model, p, tangent)
+        if (is_in_cauchy(p)) old_ratio = 1.0_wp
+        elastic = elastic_strain(old_ratio*sigma(:, p), tangent)
+        call elastic_trial(step, elastic, trial(:, p), value(:, p), axes(:, :, p))
+        increment(:, p) = trial(:, p) - elastic
+        increment(4:, p) = 2.0_wp*increment(4:, p)
+        if (is_in_cauchy(p)) return
+        increment(:, p) = increment(:, p)/ratio(p)   ! the model sees tau/J
+        sigma(:, p) = sigma(:, p)*(old_ratio/ratio(p))
+      end associate
+    end subroutine take_trial
+
+    subroutine update_with(state)
+      !! Stresses with these state variables.
+      real(wp), intent(inout) :: state(:, :)
+
+      call update_stress(model%materials, n, model%material, increment, &
+                         model%particles%field(model%p%effective_stress)%values, state, err, &
+                         tangent=model%tangent)
+    end subroutine update_with
+
+    subroutine finish_particle(p)
+      !! State variables that the scaling has changed, the derivative of the Kirchhoff stress in
+      !! axes that turn with the body, and what follows from the volume. With the tangent T of a
+      !! model in tau/J: dtau = T de + (tau - T e) dJ/J.
+      integer, intent(in) :: p
+      real(wp) :: of_volume(nsig)
+
+      associate (field => model%particles%field, h => model%p, tangent => model%tangent(:, :, p))
+        of_volume = ratio(p)*field(h%effective_stress)%values(:, p)
+        if (is_in_cauchy(p)) then
+          tangent = ratio(p)*tangent
+        else
+          of_volume = of_volume - matmul(tangent(:, 1:3), trial(1:3, p)) - &
+                      2.0_wp*matmul(tangent(:, 4:), trial(4:, p))
+          if (h%state > 0) then
+            associate (state => field(h%state)%values(:, p), first => self%state(:, p))
+              state = first + ratio(p)*(state - first)
+            end associate
+          end if
+        end if
+        tangent(:, 1:3) = tangent(:, 1:3) + spread(of_volume, 2, 3)
+        tangent = matmul(tangent, rate_of_logarithm(value(:, p), axes(:, :, p)))
+        field(h%volume)%values(1, p) = field(h%reference_volume)%values(1, p)*ratio(p)
+        field(h%porosity)%values(1, p) = 1.0_wp - (1.0_wp - self%porosity(p))*self%volume(p)/ &
+                                         field(h%volume)%values(1, p)
+        if (model%coupled) then   ! the water that left is no longer carried
+          field(h%mass)%values(1, p) = self%mass(p) + model%scene%water%density*wet(p)* &
+                                       (field(h%volume)%values(1, p) - self%volume(p))
+        end if
+      end associate
+    end subroutine finish_particle
+
+    pure logical function is_in_cauchy(p)
+      !! Are the laws of a particle's model in Cauchy stresses?
+      integer, intent(in) :: p
+
+      is_in_cauchy = model%materials%item(model%material(p))%model%is_in_cauchy
+    end function is_in_cauchy
   end subroutine find_stresses
 end module dosui_finite_state

@@ -27,7 +27,7 @@ module dosui_implicit_system
   implicit none
   private
 
-  public :: add_hourglass_forces, surface_gradients
+  public :: add_hourglass_forces, elastic_tangent, surface_gradients
 
   integer, parameter :: direct_limit(3) = [500000, 12000, 4000]   !! unknowns in 1-D, 2-D, 3-D
   integer, parameter :: last_resort = 20   !! times as many are factorised where iterations fail
@@ -209,7 +209,16 @@ contains
     real(wp), allocatable, intent(in) :: centre(:, :, :)
     type(cell_operators_t), intent(inout) :: operators
 
-    if (model%finite) then
+    if (model%finite .and. allocated(centre)) then
+      associate (field => model%particles%field)
+        call cell_strain_operators(model%grid, cell, model%patch(particle), &
+                                   field(model%p%position)%values(:, particle), &
+                                   model%own_volume(particle), model%averaged, operators, &
+                                   centre=centre(:, :, cell), &
+                                   inverse=model%inverse_deformation(:, :, particle), &
+                                   reference=field(model%p%reference_volume)%values(1, particle))
+      end associate
+    else if (model%finite) then
       call cell_strain_operators(model%grid, cell, model%patch(particle), &
                                  model%particles%field(model%p%position)%values(:, particle), &
                                  model%own_volume(particle), model%averaged, operators, &
@@ -293,7 +302,7 @@ contains
       end if
       if (model%finite) then   ! D belongs to the Kirchhoff stress
         tangent = tangent*model%particles%field(model%p%reference_volume)%values(1, k)/ &
-                  model%weight(k)
+                  model%particles%field(model%p%volume)%values(1, k)
       end if
       matrix = matrix + model%weight(k)*product_of(operators%strain(:, :, p), tangent)
     end do
@@ -390,7 +399,18 @@ contains
     integer, intent(in) :: particle(:)             !! of the cell
     real(wp), intent(inout) :: matrix(:, :)        !! [Pa m]
     real(wp) :: geometric(size(matrix, 1), size(matrix, 2)), stress(nsig), mean, water, volume
+    real(wp) :: bearing(size(particle))   ! pressures that the skeleton feels [Pa]
     integer :: p, k, a, i
+
+    bearing = 0.0_wp
+    if (model%coupled) then
+      bearing = model%particles%field(model%p%pore_pressure)%values(1, particle)
+      do p = 1, size(particle)
+        if (.not. model%unsaturated) exit
+        bearing(p) = bearing(p)* &
+                     model%retention(model%material(particle(p)))%saturation(bearing(p))
+      end do
+    end if
 
     associate (sigma => model%particles%field(model%p%effective_stress)%values, &
                v0 => model%particles%field(model%p%reference_volume)%values)
@@ -402,8 +422,7 @@ contains
           do a = 1, ndim
             mean = mean + v0(1, k)*sigma(voigt_slot(a, a), k)/ndim
           end do
-          if (model%coupled) water = water + v0(1, k)* &
-                                     model%particles%field(model%p%pore_pressure)%values(1, k)
+          water = water + v0(1, k)*bearing(p)
         end do
         volume = sum(v0(1, particle))
         mean = mean/volume
@@ -419,8 +438,8 @@ contains
                                        sum([(sigma(voigt_slot(i, i), k), i=1, ndim)])/ndim
           end do
           volume = model%own_volume(k)
-        else if (model%coupled) then
-          water = model%particles%field(model%p%pore_pressure)%values(1, k)
+        else
+          water = bearing(p)
         end if
         call geometric_stiffness(operators%gradient(:, :, p), stress*model%weight(k), &
                                  (water - mean)*volume, geometric)
@@ -607,7 +626,7 @@ contains
     type(model_t), intent(in) :: model
     type(entries_t), intent(inout) :: skeleton
     real(wp) :: gradient(ndim, 2**ndim), f(ndim, ndim), inverse(ndim, ndim), jacobian, load
-    integer :: e, p, i, j, a, b
+    integer :: e, p, i, j, k, a, b
 
     associate (field => model%surface%field, h => model%s, forces => model%surface_forces, &
                row => self%unknowns%row, sign => self%unknowns%sign)
@@ -615,7 +634,7 @@ contains
         p = forces%entry_point(e)
         associate (condition => model%scene%mechanical_condition(forces%entry_condition(e)))
           if (condition%kind /= 'pressure' .and. condition%kind /= 'reservoir') cycle
-          if (forces%cell(1, p) == 0) cycle
+          if (model%surface_cell(p) == 0) cycle
           load = condition%pressure_at(model%clock%time, &
                                        field(h%position_at_build)%values(:, p))* &
                  field(h%area)%values(1, p)
@@ -624,21 +643,25 @@ contains
         f = reshape(field(h%deformation)%values(:, p), [ndim, ndim])
         call invert(f, inverse, jacobian)
         gradient = matmul(transpose(inverse), gradient)
-        associate (n => field(h%normal)%values(:, p), node => forces%node(:, 1, p))
-          do j = 1, 2**ndim
-            do i = 1, 2**ndim
-              do b = 1, ndim
-                do a = 1, ndim
-                  call skeleton%add(row(a, node(i)), row(b, node(j)), &
-                                    sign(a, node(i))*sign(b, node(j))*load* &
-                                    forces%weight(i, 1, p)* &
-                                    (n(a)*gradient(b, j) - gradient(a, j)*n(b))* &
-                                    self%length/self%force)
+        do k = 1, forces%n_part
+          if (forces%cell(k, p) == 0) cycle
+          associate (n => field(h%normal)%values(:, p), node => forces%node(:, k, p), &
+                     around => model%grid%cell_node(:, model%surface_cell(p)))
+            do j = 1, 2**ndim
+              do i = 1, 2**ndim
+                do b = 1, ndim
+                  do a = 1, ndim
+                    call skeleton%add(row(a, node(i)), row(b, around(j)), &
+                                      sign(a, node(i))*sign(b, around(j))*load* &
+                                      forces%weight(i, k, p)* &
+                                      (n(a)*gradient(b, j) - gradient(a, j)*n(b))* &
+                                      self%length/self%force)
+                  end do
                 end do
               end do
             end do
-          end do
-        end associate
+          end associate
+        end do
       end do
     end associate
   end subroutine add_pressure_loads
@@ -853,7 +876,7 @@ contains
     !! forces; the derivative of these is the system's. Collective.
     class(implicit_system_t), intent(in) :: self
     type(model_t), intent(inout) :: model
-    real(wp), intent(in) :: pressure(:)        !! of the particles [Pa]
+    real(wp), intent(in) :: pressure(:)        !! that the skeleton feels at particles [Pa]
     real(wp), intent(inout) :: force(:, :)     !! (ndim, n_node) [N]
     type(cell_operators_t) :: operators
     integer, allocatable :: start(:), particle(:)
@@ -862,6 +885,7 @@ contains
 
     allocate (internal(ndim, model%grid%n_node), source=0.0_wp)
     call cell_lists(model%particles%count, model%cell, model%grid%n_cell, start, particle)
+    call centre_operators(model, centre)
     do c = 1, model%grid%n_cell
       if (start(c + 1) == start(c)) cycle
       call operators_of_cell(model, c, particle(start(c):start(c + 1) - 1), centre, operators)
@@ -944,7 +968,7 @@ contains
     integer, allocatable :: start(:), particle(:)
     integer :: c, i, p, k, node
 
-    if (.not. model%centred) return
+    if (.not. (model%centred .or. model%finite)) return
     call cell_lists(model%particles%count, model%cell, model%grid%n_cell, start, particle)
     call hourglass_operators(model%grid%spacing, hourglass)
     allocate (internal(ndim, model%grid%n_node), source=0.0_wp)

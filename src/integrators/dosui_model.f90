@@ -59,7 +59,7 @@ module dosui_model
     logical :: updated = .false.     !! particles move, geometry follows
     logical :: finite = .false.      !! finite strains on a total Lagrangian grid
     logical :: unsaturated = .false. !! suction empties pores
-    logical :: nonlinear = .false.   !! small-strain steps need Newton's iterations
+    logical :: nonlinear = .false.   !! soils or suction need Newton's iterations, with kinks
     logical :: switching = .false.   !! surface points may change between head and flux
     logical :: finds_surface = .false.   !! free surfaces are found as bodies move
     integer :: inverted = 0          !! a particle that lost all its volume; 0: none
@@ -99,7 +99,8 @@ module dosui_model
     real(wp), allocatable :: weight(:)                !! of particles in integrals [m3]
     real(wp), allocatable :: volume_strain(:)         !! of the step, as the water sees it [-]
     real(wp), allocatable :: inverse_deformation(:, :, :)   !! F^-1 of finite strains [-]
-    real(wp), allocatable :: own_volume(:)            !! not averaged, of finite strains [m3]
+    real(wp), allocatable :: own_volume(:)   !! weight without averages, of finite strains [m3]
+    real(wp), allocatable :: filling(:)      !! weight over volume, of finite strains [-]
     real(wp) :: density = 0.0_wp              !! mean inertial density of the body [kg/m3]
     real(wp) :: stiffest = 0.0_wp             !! largest undrained modulus M + K_w/n [Pa]
     real(wp) :: stiffest_now = 0.0_wp         !! likewise with the present porosities [Pa]

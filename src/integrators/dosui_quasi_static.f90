@@ -12,10 +12,10 @@ module dosui_quasi_static
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim
   use dosui_error, only: error_t
-  use dosui_finite_state, only: finite_start_t
+  use dosui_finite_state, only: finite_start_t, refresh_finite
   use dosui_implicit_system, only: add_hourglass_forces, implicit_system_t
   use dosui_model, only: model_t
-  use dosui_pore_water, only: content_change, mean_saturation, wet_masses
+  use dosui_pore_water, only: content_change, mean_saturation, saturation_at, wet_masses
   use dosui_scene, only: table_t
   use dosui_seepage, only: seepage_t
   use dosui_skeleton_step, only: gather_forces, gather_loads, update_particles, zero_velocities
@@ -45,6 +45,9 @@ module dosui_quasi_static
   integer, parameter :: halvings = 10                 !! of an iteration that would crush a particle
   real(wp), parameter :: newton_tolerance = 1.0e-8_wp   !! last increments over all [-]
   real(wp), parameter :: kink_tolerance = 1.0e-7_wp   !! likewise of small strains, with kinks [-]
+  real(wp), parameter :: still = 1.0e-4_wp
+  !! of a cell: finite motions are not told apart below this times the tolerance, as logarithms
+  !! round off against 1 [-]
   real(wp), parameter :: swing = 0.7_wp               !! least growth of increments that swing [-]
   real(wp), parameter :: least_relaxation = 0.125_wp  !! of their damping [-]
 
@@ -85,9 +88,7 @@ contains
     integer :: c, n
 
     if (model%finite) then   ! what follows from the deformation gradients
-      call allocate_increments(model, motion, pressure, supply)
-      call self%start%take(model)
-      call self%start%move(model, motion, err)
+      call refresh_finite(model, err)
       if (err%failed()) return
     end if
     if (model%unsaturated) then
@@ -95,7 +96,8 @@ contains
       call prepare_linearisation(model, model%clock%time, &
                                  model%particles%field(model%p%pore_pressure)%values(1, 1:n))
     end if
-    if (allocated(model%tangent)) then   ! stiffness before the first increment
+    if (allocated(model%tangent) .and. .not. model%finite) then
+      ! stiffness before the first increment
       call allocate_increments(model, motion, pressure, supply)
       call self%small_start%take(model)
       model%clock%dt = 1.0_wp
@@ -449,7 +451,7 @@ contains
     none = 0.0_wp
     allocate (water(n), pressure_step(n), start(n), source=0.0_wp)
     if (model%coupled) start = model%particles%field(model%p%pore_pressure)%values(1, 1:n)
-    damps = .not. model%finite
+    damps = model%nonlinear
     relaxation = 1.0_wp
     last_change = huge(1.0_wp)
     held = 0.0_wp
@@ -490,7 +492,7 @@ contains
       call self%advance_within(model, step, pressure_step, motion, pressure, err)
       associate (displacement => model%particles%field(model%p%displacement)%values)
         scale = model%comm%maximum(max(maxval(abs(motion)), maxval(abs(displacement)))) + &
-                newton_tolerance*model%scene%grid_spacing
+                merge(still, newton_tolerance, model%finite)*model%scene%grid_spacing
       end associate
       change = model%comm%maximum(maxval(abs(step)))/scale
       if (model%coupled) then
@@ -556,23 +558,32 @@ contains
     real(wp), intent(in) :: pressure(:)        !! since then [Pa]
     real(wp), intent(inout) :: water(:)
     type(error_t), intent(inout) :: err
-    real(wp) :: stored(size(water))
+    real(wp) :: stored(size(water)), pores(size(water))
 
-    if (model%finite) then
+    if (model%finite .and. .not. model%unsaturated) then
       call find_flow(model, time, start, water)
       call self%system%stored(model, a, pressure, stored, err)
-      water = supply + a*water - stored - &
+      water = supply + a*water - stored - model%filling* &
               (model%particles%field(model%p%volume)%values(1, 1:size(water)) - self%start%volume)
       return
     end if
     call find_flow(model, time, start + pressure, water)
     call self%system%stored_by_projection(pressure, stored)
+    pores = 1.0_wp
+    if (model%finite) pores = 0.5_wp + 0.5_wp*self%start%porosity*self%start%volume/ &
+                              (model%particles%field(model%p%porosity)%values(1, 1:size(water))* &
+                               model%particles%field(model%p%volume)%values(1, 1:size(water)))
     water = supply + a*water - stored - model%weight* &
-            (content_change(model, start, start + pressure) - &
+            (pores*content_change(model, start, start + pressure) - &
              model%storage%compressibility*pressure)
     if (model%rigid) return
-    water = water - model%weight*model%volume_strain* &
-            mean_saturation(model, start, start + pressure)
+    if (model%finite) then   ! mean pores, mean saturation: the difference of their product
+      water = water - model%filling*mean_saturation(model, start, start + pressure)* &
+              (model%particles%field(model%p%volume)%values(1, 1:size(water)) - self%start%volume)
+    else
+      water = water - model%weight*model%volume_strain* &
+              mean_saturation(model, start, start + pressure)
+    end if
   end subroutine water_residual
 
   subroutine force_residual(self, model, pressure, motion, force)
@@ -590,12 +601,12 @@ contains
     if (model%finite) then
       call gather_loads(model)
       force = model%nodal(2 + ndim:, :)
-      call self%system%internal_forces(model, pressure, force)
+      call self%system%internal_forces(model, pressure*saturation_at(model, pressure), force)
     else
       call gather_forces(model)
       force = model%nodal(2 + ndim:, :)
-      call add_hourglass_forces(model, motion, force)
     end if
+    call add_hourglass_forces(model, motion, force)
   end subroutine force_residual
 
   subroutine advance_within(self, model, step, pressure_step, motion, pressure, err)
@@ -692,7 +703,7 @@ contains
       field(h%velocity)%values(:, 1:n) = (field(h%displacement)%values(:, 1:n) - &
                                           self%start%displacement)/model%clock%dt
       if (model%coupled) model%volume_strain = &
-        (field(h%volume)%values(1, 1:n) - self%start%volume)/model%weight
+        (1.0_wp - self%start%volume/field(h%volume)%values(1, 1:n))
     end associate
     associate (field => model%surface%field, h => model%s)
       field(h%velocity)%values(:, 1:m) = (field(h%displacement)%values(:, 1:m) - &

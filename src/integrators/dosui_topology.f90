@@ -257,11 +257,16 @@ contains
     !! calls it with the stored ones and gets the same. Collective.
     type(model_t), intent(inout) :: model
     type(error_t), intent(inout) :: err
-    real(wp), allocatable :: inside(:, :)
+    real(wp), allocatable :: inside(:, :), area(:, :), normal(:, :)
     real(wp) :: margin
     integer :: n, n_lost, handle
 
     call model%timers%start(model%phase%rebuild)
+    if (model%finite) then   ! a restart has a deformed surface
+      area = model%surface%field(model%s%area)%values
+      normal = model%surface%field(model%s%normal)%values
+      call straighten_surface(model)
+    end if
     n = model%particles%count
     handle = build_handle(model)
     margin = 0.0_wp
@@ -283,14 +288,34 @@ contains
     if (n_lost > 0) call err%set('particles lie outside the background grid')
     call locate_surface(model, inside)
     call build_conditions(model, handle)
+    if (model%finite) call find_filling(model)
     call refresh_weights(model)
     call find_least_inertia(model)
-    if (model%finite) handle = model%p%position_at_build
+    if (model%finite) then
+      handle = model%p%position_at_build
+      model%surface%field(model%s%area)%values = area
+      model%surface%field(model%s%normal)%values = normal
+    end if
     if (model%coupled) call build_water(model, handle)
     model%rebuilds = model%rebuilds + 1
     model%movement = 0.0_wp
     call model%timers%stop(model%phase%rebuild)
   end subroutine build_geometry
+
+  pure subroutine straighten_surface(model)
+    !! Areas and normals of the surface points before any deformation.
+    type(model_t), intent(inout) :: model
+    integer :: p
+
+    associate (field => model%surface%field, h => model%s)
+      do p = 1, model%surface%count
+        associate (reference => field(h%reference_area)%values(:, p))
+          field(h%area)%values(1, p) = norm2(reference)
+          field(h%normal)%values(:, p) = reference/max(norm2(reference), tiny(1.0_wp))
+        end associate
+      end do
+    end associate
+  end subroutine straighten_surface
 
   pure real(wp) function moving_margin(model) result(margin)
     !! No particle moves farther between two builds, with a step to spare [m].
@@ -322,8 +347,10 @@ contains
     allocate (model%strain_increment(nsig, n), source=0.0_wp)
     allocate (model%no_state(0, n))
     if (allocated(model%tangent)) deallocate (model%tangent)
-    if (model%integrator == 'quasi_static' .and. model%materials%is_nonlinear() .and. &
-        .not. model%rigid) allocate (model%tangent(nsig, nsig, n), source=0.0_wp)
+    if (model%integrator == 'quasi_static' .and. .not. model%rigid .and. &
+        (model%materials%is_nonlinear() .or. model%finite)) then
+      allocate (model%tangent(nsig, nsig, n), source=0.0_wp)
+    end if
     if (model%coupled) allocate (model%volume_strain(n), source=0.0_wp)
     if (model%updated) allocate (model%spin(nshear, n), source=0.0_wp)
     model%material = nint(model%particles%field(model%p%material)%values(1, 1:n))
@@ -481,13 +508,29 @@ contains
                                         model%scene%grid_origin, model%scene%grid_spacing)
   end function lies_on_nodes
 
+  subroutine find_filling(model)
+    !! Factors by which undeformed particles fill their cells; they keep them. Collective.
+    type(model_t), intent(inout) :: model
+
+    associate (n => model%particles%count, &
+               volume => model%particles%field(model%p%reference_volume)%values)
+      if (allocated(model%filling)) deallocate (model%filling)
+      allocate (model%filling(n), source=1.0_wp)
+      if (.not. model%centred) return
+      call model%quadrature%weigh(model%comm, model%grid, n, model%cell, volume, model%filling)
+      model%filling = model%filling/volume(1, 1:n)
+    end associate
+  end subroutine find_filling
+
   subroutine refresh_weights(model)
     !! Weights of the particles in integrals and cell means. Collective.
     type(model_t), intent(inout) :: model
 
     associate (n => model%particles%count, &
                volume => model%particles%field(model%p%volume)%values)
-      if (model%centred) then
+      if (model%finite) then
+        model%weight = model%filling*volume(1, 1:n)
+      else if (model%centred) then
         call model%quadrature%weigh(model%comm, model%grid, n, model%cell, volume, model%weight)
       else
         model%weight = volume(1, 1:n)

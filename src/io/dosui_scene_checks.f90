@@ -835,10 +835,6 @@ contains
     if (.not. is_unsaturated) return
     if (is_literal) call checker%complain('water', 1, 'operator', &
                                           'retention needs operator = ''compact''')
-    if (scene%deformation == 'finite') then
-      call checker%complain('scene', 1, 'deformation', 'retention does not work with finite '// &
-                            'strains')
-    end if
     if (scene%integrator == 'semi_implicit') then
       call checker%complain('scene', 1, 'integrator', 'retention works with explicit and '// &
                             'quasi_static steps')
@@ -854,10 +850,6 @@ contains
 
     if (scene%time%geostatic_start .and. scene%time%undrained_start) then
       call checker%complain('time', 1, 'undrained_start', 'does not go with geostatic_start')
-    end if
-    if (scene%time%geostatic_start .and. scene%deformation == 'finite') then
-      call checker%complain('time', 1, 'geostatic_start', &
-                            'finite strains start from a skeleton without stress')
     end if
     if (scene%deformation == 'finite') call check_finite(checker, scene)
     if (scene%integrator == 'explicit' .or. scene%integrator == 'auto') return
@@ -903,25 +895,10 @@ contains
     if (any(scene%material%rigid)) then
       call checker%complain('scene', 1, 'deformation', 'finite needs a skeleton that moves')
     end if
-    do k = 1, size(scene%material)
-      if (scene%material(k)%model /= 'linear_elastic') then
-        call checker%complain('material', k, 'model', 'finite strains need linear_elastic')
-      end if
-    end do
-    if (scene%mechanics%coupling_gradient == 'cell_centre') then
-      call checker%complain('mechanics', 1, 'coupling_gradient', &
-                            'finite strains take the particles'' own gradients')
-    end if
     do k = 1, size(scene%mechanical_condition)
       if (scene%mechanical_condition(k)%imposition == 'penalty') then
         call checker%complain('mechanical_condition', k, 'imposition', &
                               'penalty does not work with deformation = ''finite''')
-      end if
-    end do
-    do k = 1, size(scene%initial_state)
-      if (scene%initial_state(k)%effective_stress /= 'zero') then
-        call checker%complain('initial_state', k, 'effective_stress', &
-                              'finite strains start from a skeleton without stress')
       end if
     end do
   end subroutine check_finite

@@ -52,6 +52,7 @@ contains
     class(cam_clay_t), intent(inout) :: self
 
     self%is_nonlinear = .true.
+    self%is_in_cauchy = .true.   ! v and ln p of oedometer tests
     self%state_names = [character(len=32) :: 'preconsolidation_pressure', 'specific_volume']
     self%state_units = [character(len=8) :: 'Pa', '-']
   end subroutine cam_clay_init

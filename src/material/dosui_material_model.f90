@@ -15,6 +15,10 @@ module dosui_material_model
     !! first indices of symmetric tensors among the state variables, nsig components each in the
     !! order of stresses: they turn with the material
     logical :: is_nonlinear = .false.   !! stresses are no linear function of strains
+    logical :: is_in_cauchy = .false.
+    !! finite strains: all laws are in Cauchy stresses. Else elasticity is constant and relates
+    !! Kirchhoff stresses to logarithmic strains, strengths limit Cauchy stresses, stresses are
+    !! homogeneous in strength and strain, and state variables are strains.
   contains
     procedure(update_stress_interface), deferred :: update_stress
     procedure(tangent_interface), deferred :: tangent

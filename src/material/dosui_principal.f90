@@ -7,7 +7,7 @@ module dosui_principal
   private
 
   public :: elastic_matrix, principal_stresses, stress_from_principal, tangent_from_principal, &
-            deviator_of, tangent_from_invariants
+            deviator_of, dyad_of, tangent_from_invariants
 
   integer, parameter :: first_axis(6) = [1, 2, 3, 1, 2, 3]    ! of xx, yy, zz, xy, yz, zx
   integer, parameter :: second_axis(6) = [1, 2, 3, 2, 3, 1]

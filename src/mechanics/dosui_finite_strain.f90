@@ -1,16 +1,17 @@
-!! Kinematics of finite strains and Hencky's elasticity: the Kirchhoff stress is linear in the
-!! logarithmic strain, tau = D ln V with F = V R (Hencky 1928; de Souza Neto et al. 2008, ch. 14).
+!! Kinematics of finite strains: deformation gradients, and the elastic logarithmic strains by which
+!! small-strain models serve for finite ones (Simo 1992; de Souza Neto et al. 2008, ch. 14).
 module dosui_finite_strain
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim, nsig, voigt_slot
   use dosui_grid, only: grid_t
+  use dosui_principal, only: dyad_of, principal_stresses, stress_from_principal
   use dosui_shape_functions, only: group_count, n_group, n_group_wide, patch_weights
   implicit none
   private
 
-  public :: carried_area, deform, geometric_stiffness, invert, logarithmic_strain
+  public :: carried_area, deform, elastic_strain, elastic_trial, geometric_stiffness, invert, &
+            rate_of_logarithm
 
-  integer, parameter :: sweeps = 30   ! of Jacobi's rotations; a few are enough
   integer, parameter :: chunk = 32    ! particles whose weights are computed together
 
 contains
@@ -101,60 +102,84 @@ contains
     end do
   end subroutine invert
 
-  pure subroutine logarithmic_strain(deformation, strain)
-    !! ln V = 1/2 ln(F F^T), tension positive, shear components doubled [-].
-    real(wp), intent(in) :: deformation(ndim, ndim)
-    real(wp), intent(out) :: strain(nsig)
-    real(wp) :: stretch(ndim, ndim), axes(ndim, ndim)
-    integer :: k, a, b
+  pure subroutine elastic_trial(step, elastic, trial, value, axes)
+    !! Elastic logarithmic strain after a step without plastic flow, 1/2 ln(f exp(2 e) f^T): with
+    !! b = exp(2 e) the elastic left Cauchy-Green tensor (Simo 1992). Shear components are single.
+    real(wp), intent(in) :: step(ndim, ndim)     !! f = F_new F_old^-1 [-]
+    real(wp), intent(in) :: elastic(nsig)        !! e at the step's start [-]
+    real(wp), intent(out) :: trial(nsig)         !! [-]
+    real(wp), intent(out) :: value(3)            !! its principal values [-]
+    real(wp), intent(out) :: axes(3, 3)          !! and their directions (component, direction)
+    real(wp) :: b(nsig), block(ndim, ndim)
+    integer :: i, j
 
-    stretch = matmul(deformation, transpose(deformation))
-    call diagonalise(stretch, axes)
-    strain = 0.0_wp
-    do k = 1, ndim
-      do a = 1, ndim
-        do b = 1, ndim   ! both orders of a shear component add up to its double
-          strain(voigt_slot(a, b)) = strain(voigt_slot(a, b)) + &
-                                     0.5_wp*log(stretch(k, k))*axes(a, k)*axes(b, k)
-        end do
+    call principal_stresses(elastic, value, axes)
+    b = stress_from_principal(exp(2.0_wp*value), axes)
+    do j = 1, ndim
+      do i = 1, ndim
+        block(i, j) = b(voigt_slot(i, j))
       end do
     end do
-  end subroutine logarithmic_strain
-
-  pure subroutine diagonalise(a, axes)
-    !! Eigenvalues (left on the diagonal) and eigenvectors of a symmetric matrix, by Jacobi's
-    !! rotations.
-    real(wp), intent(inout) :: a(ndim, ndim)
-    real(wp), intent(out) :: axes(ndim, ndim)
-    real(wp) :: theta, t, c, s, column(ndim), row(ndim)
-    integer :: k, p, q
-
-    axes = 0.0_wp
-    do k = 1, ndim
-      axes(k, k) = 1.0_wp
-    end do
-    do k = 1, sweeps
-      do p = 1, ndim
-        do q = 1, ndim
-          if (q <= p) cycle
-          if (.not. abs(a(p, q)) > epsilon(1.0_wp)*1.0e-2_wp*(abs(a(p, p)) + abs(a(q, q)))) cycle
-          theta = 0.5_wp*(a(q, q) - a(p, p))/a(p, q)
-          t = sign(1.0_wp, theta)/(abs(theta) + sqrt(theta**2 + 1.0_wp))
-          c = 1.0_wp/sqrt(t**2 + 1.0_wp)
-          s = t*c
-          column = a(:, p)
-          a(:, p) = c*column - s*a(:, q)
-          a(:, q) = s*column + c*a(:, q)
-          row = a(p, :)
-          a(p, :) = c*row - s*a(q, :)
-          a(q, :) = s*row + c*a(q, :)
-          column = axes(:, p)
-          axes(:, p) = c*column - s*axes(:, q)
-          axes(:, q) = s*column + c*axes(:, q)
-        end do
+    block = matmul(step, matmul(block, transpose(step)))
+    do j = 1, ndim
+      do i = 1, j
+        b(voigt_slot(i, j)) = 0.5_wp*(block(i, j) + block(j, i))
       end do
     end do
-  end subroutine diagonalise
+    call principal_stresses(b, value, axes)
+    value = 0.5_wp*log(value)
+    trial = stress_from_principal(value, axes)
+  end subroutine elastic_trial
+
+  pure function rate_of_logarithm(value, axes) result(rate)
+    !! Derivative of the trial strain with respect to the symmetric gradient of a further motion,
+    !! in axes that turn with the body: x coth(x), x = e_i - e_j, between the principal directions
+    !! i and j. From d ln(b) of b = l b + b l^T. Shear components are doubled.
+    real(wp), intent(in) :: value(3), axes(3, 3)   !! as from `elastic_trial`
+    real(wp) :: rate(nsig, nsig)
+    real(wp) :: mixed(nsig), twice(nsig)
+    integer :: i, j, s
+
+    rate = 0.0_wp
+    twice = 1.0_wp
+    twice(4:) = 2.0_wp
+    do s = 1, nsig
+      rate(s, s) = 1.0_wp
+    end do
+    do i = 1, 2
+      do j = i + 1, 3
+        mixed = dyad_of(axes(:, i), axes(:, j))
+        rate = rate + 2.0_wp*excess(value(i) - value(j))* &
+               spread(twice*mixed, 2, nsig)*spread(mixed, 1, nsig)
+      end do
+    end do
+
+  contains
+
+    pure real(wp) function excess(x)
+      !! x coth(x) - 1.
+      real(wp), intent(in) :: x
+
+      if (abs(x) < 1.0e-2_wp) then
+        excess = x**2*(1.0_wp/3.0_wp - x**2/45.0_wp)
+      else
+        excess = x/tanh(x) - 1.0_wp
+      end if
+    end function excess
+  end function rate_of_logarithm
+
+  pure function elastic_strain(stress, tangent) result(strain)
+    !! The strain that an isotropic elastic matrix has a stress for; single shear components [-].
+    real(wp), intent(in) :: stress(nsig)           !! [Pa]
+    real(wp), intent(in) :: tangent(nsig, nsig)    !! [Pa]
+    real(wp) :: strain(nsig)
+    real(wp) :: mean, shear
+
+    mean = sum(stress(1:3))/3.0_wp
+    shear = 0.5_wp*(tangent(1, 1) - tangent(1, 2))
+    strain = 0.5_wp*stress/shear
+    strain(1:3) = strain(1:3) - 0.5_wp*mean/shear + mean/(tangent(1, 1) + 2.0_wp*tangent(1, 2))
+  end function elastic_strain
 
   pure subroutine geometric_stiffness(gradient, stress, pressure, stiffness)
     !! What the stress adds to the derivative of a particle's nodal forces:

@@ -5,6 +5,8 @@
 !!     E_p = dev(B_p - mean of B) + C                    means of cells from one gradient C
 !!     E_p = B_p + (tr mean of B - tr B_p) I/ndim        averaged volume change (B-bar)
 !!     E_p = B_p                                         every particle by itself
+!! With finite strains the first shift is made in the gradients of the undeformed particles, the
+!! second in those of the deformed ones.
 !! and the stiffness of a cell is sum w E^T D E (the first is the adjoint pair of
 !! `dosui_cell_quadrature`: the cross terms of mean and deviation vanish for a uniform D).
 module dosui_stiffness
@@ -55,7 +57,7 @@ contains
   end subroutine cell_lists
 
   subroutine cell_strain_operators(grid, cell, patch, position, weight, averaged, operators, &
-                                   centre, inverse)
+                                   centre, inverse, reference)
     !! Strain operators of the particles of one cell.
     type(grid_t), intent(in) :: grid
     integer, intent(in) :: cell
@@ -68,9 +70,13 @@ contains
     !! C on the cell's corners, lifts included: means come from it [1/m]
     real(wp), intent(in), optional :: inverse(:, :, :)
     !! (ndim, ndim, particles) F^-1: gradients belong to the deformed places [-]
+    real(wp), intent(in), optional :: reference(:)
+    !! (particles) with `inverse` and `centre`: undeformed volumes, with which the mean of the
+    !! gradients becomes that of C before anything is deformed [m3]
     real(wp), allocatable :: w(:), gradient(:), own(:, :, :), mean(:, :), trace(:), mean_trace(:)
     integer, allocatable :: local(:)
     integer :: m, n_groups, n_patch_node, p, i, k, a, b, column
+    logical :: is_centred
 
     m = size(patch)
     n_groups = group_count(grid%shape_kind)
@@ -79,31 +85,31 @@ contains
     call patch_weights(grid%shape_kind, grid%half_domain, grid%origin, grid%spacing, m, patch, &
                        position, grid%n_patch, grid%patch_base, grid%patch_fold, n_groups, w, &
                        gradient)
-    if (present(inverse)) call push_forward()
     call collect_nodes(grid, cell, patch, present(centre), operators)
     if (allocated(operators%strain)) deallocate (operators%strain, operators%volume)
     allocate (own(nsig, ndim*operators%n_node, m), source=0.0_wp)
     allocate (operators%volume(ndim*operators%n_node, m), source=0.0_wp)
+    if (present(inverse)) call find_gradients()
     do p = 1, m
+      if (present(inverse)) then
+        do i = 1, operators%n_node
+          call add_slope(i, operators%gradient(:, i, p))
+        end do
+        cycle
+      end if
       local = places(operators, grid%patch_node(:, patch(p)))
       do i = 1, n_patch_node
-        do a = 1, ndim
-          column = ndim*(local(i) - 1) + a
-          do b = 1, ndim
-            k = voigt_slot(a, b)
-            own(k, column, p) = own(k, column, p) + slope(i, b, p)
-          end do
-        end do
+        call add_slope(local(i), [(slope(i, b, p), b=1, ndim)])
       end do
     end do
-    if (present(inverse)) call keep_gradients()
-    if (averaged .or. present(centre)) then
+    is_centred = present(centre) .and. .not. present(inverse)   ! deformed gradients are already
+    if (averaged .or. is_centred) then
       allocate (mean(nsig, ndim*operators%n_node), source=0.0_wp)
       do p = 1, m
         mean = mean + weight(p)/sum(weight)*own(:, :, p)
       end do
     end if
-    if (present(centre)) then
+    if (is_centred) then
       do p = 1, m
         own(:, :, p) = own(:, :, p) - mean
         call add_trace(-trace_of(own(:, :, p)), own(:, :, p))
@@ -131,26 +137,24 @@ contains
 
   contains
 
-    subroutine push_forward()
-      !! Gradients with respect to the deformed places: F^-T grad_X N.
-      real(wp) :: reference(ndim)
-      integer :: number, node, d, first
+    subroutine add_slope(place, gradient_of_node)
+      !! Strain of particle p by the motion of a node in the cell's list.
+      integer, intent(in) :: place
+      real(wp), intent(in) :: gradient_of_node(ndim)   !! [1/m]
 
-      do number = 1, m
-        do node = 1, n_patch_node
-          do d = 1, ndim
-            reference(d) = slope(node, d, number)
-          end do
-          do d = 1, ndim
-            first = n_group*n_groups*(ndim*(number - 1) + d - 1)
-            gradient(first + node) = dot_product(inverse(:, d, number), reference)
-          end do
+      do a = 1, ndim
+        column = ndim*(place - 1) + a
+        do b = 1, ndim
+          k = voigt_slot(a, b)
+          own(k, column, p) = own(k, column, p) + gradient_of_node(b)
         end do
       end do
-    end subroutine push_forward
+    end subroutine add_slope
 
-    subroutine keep_gradients()
-      !! The particles' own gradients on the cell's nodes.
+    subroutine find_gradients()
+      !! The particles' gradients on the cell's nodes, with respect to the deformed places:
+      !! F^-T grad_X N.
+      real(wp) :: average(ndim, operators%n_node)
       integer :: number, node, d
 
       if (allocated(operators%gradient)) deallocate (operators%gradient)
@@ -164,7 +168,28 @@ contains
           end do
         end do
       end do
-    end subroutine keep_gradients
+      if (present(centre)) then
+        average = 0.0_wp
+        do number = 1, m
+          average = average + reference(number)/sum(reference)*operators%gradient(:, :, number)
+        end do
+        local = places(operators, grid%cell_node(:, cell))
+        do number = 1, m
+          operators%gradient(:, :, number) = operators%gradient(:, :, number) - average
+          do node = 1, 2**ndim
+            do d = 1, ndim
+              operators%gradient(d, local(node), number) = &
+                operators%gradient(d, local(node), number) + &
+                centre(voigt_slot(d, d), ndim*(node - 1) + d)
+            end do
+          end do
+        end do
+      end if
+      do number = 1, m
+        operators%gradient(:, :, number) = matmul(transpose(inverse(:, :, number)), &
+                                                  operators%gradient(:, :, number))
+      end do
+    end subroutine find_gradients
 
     pure real(wp) function slope(node, direction, number)
       !! Gradient of a node of a particle's patch [1/m].

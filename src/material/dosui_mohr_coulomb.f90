@@ -29,6 +29,7 @@ module dosui_mohr_coulomb
                         6, 15, 16, 23, 24, 25, 26, 34, 35, 36, 46, 56, 125, 126, &
                         135, 136, 146, 156, 234, 235, 236, 245, 246, 256, 345, 346, 356]
   real(wp), parameter :: slack = 1.0e-10_wp   ! of planes, over the stress [-]
+  real(wp), parameter :: regular = 1.0e-12_wp   ! pivots and determinants beyond, over the entries
   real(wp), parameter :: unlimited = 0.5_wp*huge(1.0_wp)   ! strengths beyond are none [Pa]
   integer, parameter :: plastic_strain = 1      ! state variable: plastic shear strain [-]
   integer, parameter :: opened = 2              ! likewise: opened volume over volume [-]
@@ -175,7 +176,8 @@ contains
     real(wp), intent(out) :: inverse(3, 3)       !! of their part of planes%product [1/Pa]
     logical, intent(out) :: is_elastic, is_solved
     real(wp) :: excess(n_plane), scale, limit
-    integer :: k
+    integer :: k, set
+    logical :: is_upper
 
     value = trial
     strain = 0.0_wp
@@ -187,8 +189,12 @@ contains
     is_elastic = max(excess(1), excess(4)) <= slack*scale   ! the others have less
     if (is_elastic) return
     limit = slack*(scale + planes%largest)
+    is_upper = trial(1) - trial(2) < trial(2) - trial(3)
     do k = 1, n_set
-      active = [mod(sets(k), 10), mod(sets(k)/10, 10), sets(k)/100]
+      set = sets(k)
+      if (k == 2 .and. is_upper) set = sets(3)   ! the nearer edge first
+      if (k == 3 .and. is_upper) set = sets(2)
+      active = [mod(set, 10), mod(set/10, 10), set/100]
       call try_planes(trial, planes, excess, limit, active, value, strain, inverse, is_solved)
       if (is_solved) return
     end do
@@ -221,22 +227,35 @@ contains
     real(wp), intent(out) :: inverse(3, 3)
     logical, intent(out) :: is_solved
     real(wp) :: multiplier(3), candidate(3)
-    integer :: a, n
+    integer :: a, b, n
     logical :: is_regular
 
     is_solved = .false.
     n = count(active > 0)
-    if (.not. all(planes%is_limited(active(1:n)))) return
-    call invert_small(n, planes%product(active(1:n), active(1:n)), inverse(1:n, 1:n), is_regular)
-    if (.not. is_regular) return
-    multiplier(1:n) = matmul(inverse(1:n, 1:n), excess(active(1:n)))
-    if (minval(multiplier(1:n)) < -slack*maxval(abs(multiplier(1:n)))) return
+    do a = 1, n
+      if (.not. planes%is_limited(active(a))) return
+    end do
+    if (n == 1) then
+      inverse(1, 1) = 1.0_wp/planes%product(active(1), active(1))
+      multiplier(1) = inverse(1, 1)*excess(active(1))
+      if (multiplier(1) < 0.0_wp) return
+    else
+      do b = 1, n
+        do a = 1, n
+          inverse(a, b) = planes%product(active(a), active(b))
+        end do
+      end do
+      call invert_small(n, inverse, is_regular)
+      if (.not. is_regular) return
+      multiplier(1:n) = matmul(inverse(1:n, 1:n), excess(active(1:n)))
+      if (minval(multiplier(1:n)) < -slack*maxval(abs(multiplier(1:n)))) return
+    end if
     candidate = trial
     do a = 1, n
       candidate = candidate - planes%back(:, active(a))*multiplier(a)
     end do
-    if (any(excess_of(planes, candidate) > limit)) return
     if (candidate(1) < candidate(2) - limit .or. candidate(2) < candidate(3) - limit) return
+    if (maxval(excess_of(planes, candidate)) > limit) return
     is_solved = .true.
     value = candidate
     strain = 0.0_wp
@@ -270,44 +289,46 @@ contains
     end do
   end function derivative_of
 
-  pure subroutine invert_small(n, matrix, inverse, is_regular)
-    !! Inverse of a matrix of up to three rows by Gauss-Jordan with pivots.
-    integer, intent(in) :: n
-    real(wp), intent(in) :: matrix(n, n)
-    real(wp), intent(out) :: inverse(n, n)
+  pure subroutine invert_small(n, matrix, is_regular)
+    !! Replaces the first n rows and columns of a matrix by their inverse; three by Gauss-Jordan
+    !! with pivots.
+    integer, intent(in) :: n                        !! 2 or 3
+    real(wp), intent(inout) :: matrix(3, 3)
     logical, intent(out) :: is_regular
-    real(wp) :: a(n, n), row(n), factor, scale
+    real(wp) :: a(3, 6), row(6), scale, determinant
     integer :: i, j, pivot
 
-    a = matrix
-    inverse = 0.0_wp
-    do i = 1, n
-      inverse(i, i) = 1.0_wp
+    is_regular = .false.
+    if (n == 2) then
+      determinant = matrix(1, 1)*matrix(2, 2) - matrix(1, 2)*matrix(2, 1)
+      scale = abs(matrix(1, 1)*matrix(2, 2)) + abs(matrix(1, 2)*matrix(2, 1))
+      if (.not. abs(determinant) > regular*scale) return
+      is_regular = .true.
+      scale = 1.0_wp/determinant
+      matrix(1:2, 1:2) = reshape([matrix(2, 2), -matrix(2, 1), -matrix(1, 2), matrix(1, 1)], &
+                                 [2, 2])*scale
+      return
+    end if
+    a = 0.0_wp
+    a(:, 1:3) = matrix
+    do j = 1, 3
+      a(j, 3 + j) = 1.0_wp
     end do
-    scale = maxval(abs(a))
-    is_regular = scale > 0.0_wp
-    if (.not. is_regular) return
-    do i = 1, n
-      pivot = i - 1 + maxloc(abs(a(i:, i)), dim=1)
-      if (.not. abs(a(pivot, i)) > 1.0e-12_wp*scale) then
-        is_regular = .false.
-        return
-      end if
-      row = a(i, :)
-      a(i, :) = a(pivot, :)
-      a(pivot, :) = row
-      row = inverse(i, :)
-      inverse(i, :) = inverse(pivot, :)
-      inverse(pivot, :) = row
-      factor = 1.0_wp/a(i, i)
-      a(i, :) = a(i, :)*factor
-      inverse(i, :) = inverse(i, :)*factor
-      do j = 1, n
-        if (j == i) cycle
-        factor = a(j, i)
-        a(j, :) = a(j, :) - factor*a(i, :)
-        inverse(j, :) = inverse(j, :) - factor*inverse(i, :)
+    scale = maxval(abs(matrix))
+    do i = 1, 3
+      pivot = i
+      do j = i + 1, 3
+        if (abs(a(j, i)) > abs(a(pivot, i))) pivot = j
+      end do
+      if (.not. abs(a(pivot, i)) > regular*scale) return
+      row = a(pivot, :)/a(pivot, i)
+      a(pivot, :) = a(i, :)
+      a(i, :) = row
+      do j = 1, 3
+        if (j /= i) a(j, :) = a(j, :) - a(j, i)*row
       end do
     end do
+    is_regular = .true.
+    matrix = a(:, 4:)
   end subroutine invert_small
 end module dosui_mohr_coulomb

@@ -229,9 +229,11 @@ contains
     end associate
   end subroutine add_surface_forces
 
-  subroutine update_nodes(model)
-    !! Nodal velocities after the step, with damping and conditions on nodes.
+  subroutine update_nodes(model, is_held, taken)
+    !! Nodal velocities after the step, with damping, conditions on nodes and rigid walls.
     type(model_t), intent(inout) :: model
+    logical, intent(inout), optional :: is_held(:, :)   !! as from `meet_walls`
+    real(wp), intent(inout), optional :: taken(:, :)    !! likewise [m/s]
 
     call model%timers%start(model%phase%nodes)
     if (model%damping_kind /= damping_none) then
@@ -247,7 +249,7 @@ contains
                                       max(model%nodal(1, :), model%inertia), model%velocity_old, &
                                       model%velocity)
     if (allocated(model%scene%rigid_wall)) then
-      call meet_walls(model%scene%rigid_wall, model%grid, model%velocity)
+      call meet_walls(model%scene%rigid_wall, model%grid, model%velocity, is_held, taken)
     end if
     call model%timers%stop(model%phase%nodes)
   end subroutine update_nodes

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -108,14 +109,67 @@ def test_column_collapse(
     assert np.ptp(mass) <= 1e-12 * mass[0]
 
 
+def wet(integrator: str, wall: str, motion: str = "", turn: bool = True, end: float = 1.0) -> str:
+    """The block, saturated and closed."""
+    text = block(wall, motion=motion, turn=turn)
+    text = text.replace("&scene", f"&scene integrator = '{integrator}'")
+    text = text.replace("water = 'none'", "").replace(f"end_time = {END}", f"end_time = {end}")
+    text = text.replace("ratio = 0.3", "ratio = 0.3 porosity = 0.4 hydraulic_conductivity = 1.0e-3")
+    return text + "&water bulk_modulus = 3.0e7 /\n"
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.2, 0.4])
+def test_saturated_block_slides(dosui: Runner, friction: float) -> None:
+    """Semi-implicit steps: down an incline with g (sin b - mu cos b), as explicit ones."""
+    run = dosui(wet("semi_implicit", f"friction = {friction}"))
+    assert run.status == 0, run.stderr
+    speed = run.fields("block")["velocity"][:, 0].mean()
+    exact = GRAVITY * (math.sin(ANGLE) - friction * math.cos(ANGLE))
+    assert speed == pytest.approx(exact, rel=5e-3)
+
+
+def test_saturated_block_rests(dosui: Runner) -> None:
+    """Both integrators: the same settlement and pressures on a smooth floor (friction would keep
+    what the first waves left); a rough floor holds a slope."""
+    runs = {}
+    for integrator in ("explicit", "semi_implicit"):
+        text = wet(integrator, "friction = 0.0", turn=False)
+        text = re.sub(r"gravity = \S+, \S+ /", f"gravity = 0.0, {-GRAVITY} /", text)
+        runs[integrator] = dosui(text, folder=integrator).fields("block")
+    for name, limit in (("displacement", 5e-3), ("pore_pressure", 5e-3)):
+        one, two = (runs[k][name] for k in ("explicit", "semi_implicit"))
+        assert np.abs(one - two).max() <= limit * np.abs(one).max()
+    assert np.abs(runs["semi_implicit"]["velocity"]).max() <= 1e-3
+    run = dosui(wet("semi_implicit", "kind = 'rough'", end=0.5), folder="rough")
+    assert run.status == 0, run.stderr
+    assert np.abs(run.fields("block")["displacement"]).max() <= 2e-3
+
+
+def test_saturated_block_leaves(dosui: Runner) -> None:
+    """Semi-implicit steps: thrown off the wall it keeps its momentum; two ranks agree with one."""
+    text = wet("semi_implicit", "friction = 0.5", motion="velocity = 0.2, 1.0", turn=False)
+    velocity = dosui(text).fields("block")["velocity"]
+    assert np.abs(velocity[:, 0] - 0.2).max() <= 1e-12
+    assert np.abs(velocity[:, 2] - 1.0).max() <= 1e-12
+    text = wet("semi_implicit", "friction = 0.2", end=0.2)
+    one = dosui(text, folder="one").fields("block")
+    two = dosui(text, folder="two", ranks=2).fields("block")
+    for name in ("displacement", "velocity", "effective_stress", "pore_pressure"):
+        assert np.abs(one[name] - two[name]).max() <= 1e-9 * np.abs(one[name]).max()
+
+
 def test_refusals(dosui: Runner) -> None:
     """Implicit steps and walls without a direction are refused with the line of the group."""
     text = block("friction = 0.2").replace("dimension = 2", "dimension = 2 integrator = 'auto'")
     assert dosui(text, "--check").status == 0
-    assert "rigid walls have no other" in dosui(text, "--check").stdout
+    assert "rigid walls; semi_implicit if" in dosui(text, "--check").stdout
     wrong = text.replace("'auto'", "'quasi_static'").replace("'updated'", "'small_strain'")
     run = dosui(wrong, "--check")
     assert run.status == 2 and "rigid_wall" in run.stderr
+    run = dosui(
+        wet("semi_implicit", "").replace("normal = 0.0, 2.0", "normal = 1.0, 2.0"), "--check"
+    )
+    assert run.status == 2 and "axis" in run.stderr
     run = dosui(text.replace("normal = 0.0, 2.0", "normal = 0.0, 0.0"), "--check")
     assert run.status == 2 and "normal" in run.stderr
     run = dosui(text.replace("friction = 0.2", "friction = -0.2"), "--check")

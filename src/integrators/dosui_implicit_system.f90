@@ -64,6 +64,7 @@ module dosui_implicit_system
     procedure :: turn_direct => implicit_turn_direct
     procedure :: set_step => implicit_set_step
     procedure :: volume_change => implicit_volume_change
+    procedure :: pressure_forces => implicit_pressure_forces
     procedure, private :: build_skeleton
     procedure, private :: build_water
     procedure, private :: set_flow
@@ -72,13 +73,14 @@ module dosui_implicit_system
 
 contains
 
-  subroutine implicit_build(self, model, is_dynamic, err)
+  subroutine implicit_build(self, model, is_dynamic, err, by_walls)
     !! Assembles everything for the geometry at hand; with inertia, nodal masses must be there, and
     !! `set_step` follows. Collective.
     class(implicit_system_t), intent(inout) :: self
     type(model_t), intent(inout) :: model
     logical, intent(in) :: is_dynamic   !! inertia instead of stiffness
     type(error_t), intent(inout) :: err
+    logical, intent(in), optional :: by_walls(:, :)   !! (ndim, n_node) held by rigid walls
     type(entries_t) :: skeleton, pressure_force, volume_change
     logical, allocatable :: is_empty(:, :)
     real(wp) :: h
@@ -104,6 +106,7 @@ contains
       else
         call find_empty(model, is_empty)
       end if
+      if (present(by_walls)) is_empty = is_empty .or. by_walls
     end if
     call self%unknowns%build(model, is_empty)
     n_u = self%unknowns%n_u
@@ -573,6 +576,25 @@ contains
                                        motion(mod(column, ndim) + 1, column/ndim + 1)
     end do
   end subroutine implicit_volume_change
+
+  subroutine implicit_pressure_forces(self, model, pressure, force)
+    !! Nodal forces of particles' pressures, held components too. Collective.
+    class(implicit_system_t), intent(in) :: self
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: pressure(:)      !! [Pa]
+    real(wp), intent(out) :: force(:, :)     !! (ndim, n_node) [N]
+    integer :: k, column
+
+    force = 0.0_wp
+    do k = 1, self%held_water%n
+      column = self%held_water%column(k) - 1
+      associate (entry => force(mod(column, ndim) + 1, column/ndim + 1))
+        entry = entry + self%held_water%value(k)*self%volume*pressure(self%held_water%row(k))
+      end associate
+    end do
+    call model%grid%node_map%scatter_add(model%comm, ndim, force)
+    call model%grid%node_map%gather(model%comm, ndim, force)
+  end subroutine implicit_pressure_forces
 
   subroutine add_walls(self, model, skeleton)
     !! Springs of penalty walls.

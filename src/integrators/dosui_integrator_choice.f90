@@ -58,7 +58,7 @@ contains
       choice%reason = 'the two_pass operator has no other'
     else if (has_rigid_walls(scene)) then
       choice%name = 'explicit'
-      choice%reason = 'rigid walls have no other'
+      choice%reason = 'rigid walls; semi_implicit if the scene says so'
     else if (len(inertia) == 0) then
       choice%name = 'quasi_static'
       choice%reason = 'nothing in the scene has inertia'

@@ -7,15 +7,21 @@
 !!     v  = v* + dt M^-1 Q dp
 !! The step is limited by the skeleton's wave only, for any conductivity and any K_w. Without p_n
 !! in v* the projection would leak like a conductivity dt gamma_w/rho, so it is there.
+!!
+!! Nodes that v* drives into rigid walls are held there in the projection, too; the others are free,
+!! and stopped if the new pressures drive them in. A wall that new pressures pull at lets go in the
+!! next step, when they are part of v*.
 module dosui_semi_implicit
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim
   use dosui_error, only: error_t
   use dosui_explicit, only: damping_limit, fastest_particle
   use dosui_implicit_system, only: implicit_system_t
-  use dosui_model, only: model_t
+  use dosui_model, only: balance_t, model_t
+  use dosui_rigid_walls, only: correct_friction, meet_walls
   use dosui_seepage, only: seepage_t
-  use dosui_skeleton_step, only: gather_forces, update_nodes, update_particles
+  use dosui_skeleton_step, only: book_wall_impulse, gather_forces, light_node_mass, update_nodes, &
+                                 update_particles
   use dosui_text, only: to_text
   use dosui_time_control, only: step_limit_t
   use dosui_water_balance, only: add_to_balance
@@ -32,6 +38,8 @@ module dosui_semi_implicit
     integer :: n_failed = 0             !! linear solutions that did not converge
     logical, private :: is_built = .false.
     integer, private :: rebuilds = -1   !! of the geometry that the equations belong to
+    logical, allocatable, private :: by_walls(:, :)   !! components that rigid walls hold
+    real(wp), allocatable, private :: taken(:, :)     !! velocities that they took from v* [m/s]
   contains
     procedure :: step => semi_implicit_step
     procedure :: describe => semi_implicit_describe
@@ -48,16 +56,27 @@ contains
     type(model_t), intent(inout) :: model
     type(error_t), intent(inout) :: err
     type(error_t) :: failure
+    type(balance_t) :: start
     real(wp), allocatable :: before(:), pressure(:), rate(:), inflow(:)
     type(seepage_t) :: seepage
+    logical, allocatable :: by_walls(:, :)
     logical :: changed
     integer :: k, n
 
     n = model%particles%count
     call gather_forces(model)
+    start = model%balance
     do k = 1, attempts
       failure = error_t()
-      call update_nodes(model)
+      model%balance = start   ! impulses of walls in an attempt that failed do not count
+      if (allocated(by_walls)) deallocate (by_walls)
+      if (allocated(model%scene%rigid_wall)) then
+        allocate (by_walls(ndim, model%grid%n_node), source=.false.)
+        if (allocated(self%taken)) deallocate (self%taken)
+        allocate (self%taken(ndim, model%grid%n_node), source=0.0_wp)
+      end if
+      call update_nodes(model, by_walls, self%taken)
+      if (allocated(by_walls)) call note_contacts(self, model, by_walls)
       call find_pressure(self, model, pressure, failure)
       if (.not. failure%failed()) exit
       self%n_failed = self%n_failed + 1
@@ -85,6 +104,20 @@ contains
     call seepage%review(model, model%clock%time + model%clock%dt, before + pressure, changed)
   end subroutine semi_implicit_step
 
+  subroutine note_contacts(self, model, by_walls)
+    !! Which components rigid walls hold; others than before need new equations. Collective.
+    class(semi_implicit_t), intent(inout) :: self
+    type(model_t), intent(in) :: model
+    logical, intent(in) :: by_walls(:, :)
+    logical :: is_new
+
+    is_new = .not. allocated(self%by_walls)
+    if (.not. is_new) is_new = size(self%by_walls) /= size(by_walls)
+    if (.not. is_new) is_new = any(self%by_walls .neqv. by_walls)
+    if (model%comm%any(is_new)) self%is_built = .false.
+    self%by_walls = by_walls
+  end subroutine note_contacts
+
   subroutine find_pressure(self, model, pressure, err)
     !! Changes of the pressures, and the nodal velocities with them.
     class(semi_implicit_t), intent(inout) :: self
@@ -110,7 +143,33 @@ contains
     call model%timers%stop(model%phase%solver)
     if (err%failed()) return
     model%velocity = model%velocity + motion/model%clock%dt
+    if (allocated(model%scene%rigid_wall)) call meet_again(self, model, pressure)
   end subroutine find_pressure
+
+  subroutine meet_again(self, model, pressure)
+    !! Friction and stops of rigid walls under the changes of the pressures. Collective.
+    class(semi_implicit_t), intent(in) :: self
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: pressure(:)   !! their changes [Pa]
+    real(wp), allocatable :: push(:, :), before(:, :)
+    integer :: i
+
+    allocate (push(ndim, model%grid%n_node))
+    call self%system%pressure_forces(model, pressure, push)
+    do i = 1, model%grid%n_node
+      if (model%grid%node_map%is_owned(i)) then
+        where (self%by_walls(:, i)) model%balance%wall_impulse = &
+          model%balance%wall_impulse - model%clock%dt*push(:, i)
+      end if
+      push(:, i) = push(:, i)*model%clock%dt/ &
+                   max(model%nodal(1, i), model%inertia(i), light_node_mass(model))
+    end do
+    before = model%velocity
+    call correct_friction(model%scene%rigid_wall, model%grid, self%taken, push, self%by_walls, &
+                          model%velocity)
+    call meet_walls(model%scene%rigid_wall, model%grid, model%velocity)
+    call book_wall_impulse(model, before)
+  end subroutine meet_again
 
   subroutine prepare(self, model, err)
     !! The equations for the geometry and the step at hand.
@@ -120,7 +179,7 @@ contains
 
     call model%timers%start(model%phase%assembly)
     if (.not. self%is_built .or. self%rebuilds /= model%rebuilds) then
-      call self%system%build(model, .true., err)
+      call self%system%build(model, .true., err, self%by_walls)
       self%is_built = .true.
       self%rebuilds = model%rebuilds
     end if

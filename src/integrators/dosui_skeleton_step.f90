@@ -17,8 +17,8 @@ module dosui_skeleton_step
 
   real(wp), parameter :: light_node = 1.0e-6_wp   !! of a full cell's mass [-]
 
-  public :: gather_forces, gather_loads, update_nodes, update_particles, zero_velocities, &
-            nodal_accelerations, light_node_mass
+  public :: book_wall_impulse, gather_forces, gather_loads, light_node_mass, nodal_accelerations, &
+            update_nodes, update_particles, zero_velocities
 
 contains
 
@@ -229,9 +229,11 @@ contains
     end associate
   end subroutine add_surface_forces
 
-  subroutine update_nodes(model)
-    !! Nodal velocities after the step, with damping and conditions on nodes.
+  subroutine update_nodes(model, is_held, taken)
+    !! Nodal velocities after the step, with damping, conditions on nodes and rigid walls.
     type(model_t), intent(inout) :: model
+    logical, intent(inout), optional :: is_held(:, :)   !! as from `meet_walls`
+    real(wp), intent(inout), optional :: taken(:, :)    !! likewise [m/s]
 
     call model%timers%start(model%phase%nodes)
     if (model%damping_kind /= damping_none) then
@@ -246,30 +248,43 @@ contains
                                       model%clock%time + model%clock%dt, model%clock%dt, &
                                       max(model%nodal(1, :), model%inertia), model%velocity_old, &
                                       model%velocity)
-    if (allocated(model%scene%rigid_wall)) call meet_rigid_walls(model)
+    if (allocated(model%scene%rigid_wall)) call meet_rigid_walls(model, is_held, taken)
     call model%timers%stop(model%phase%nodes)
   end subroutine update_nodes
 
-  subroutine meet_rigid_walls(model)
+  subroutine meet_rigid_walls(model, is_held, taken)
     !! Stops nodes at rigid walls. Books the impulse that these give, and what nodes do not get
     !! that particles hardly touch.
     type(model_t), intent(inout) :: model
+    logical, intent(inout), optional :: is_held(:, :)   !! as from `meet_walls`
+    real(wp), intent(inout), optional :: taken(:, :)    !! likewise [m/s]
     real(wp), allocatable :: before(:, :)
     integer :: i
 
     before = model%velocity
-    call meet_walls(model%scene%rigid_wall, model%grid, model%velocity)
+    call meet_walls(model%scene%rigid_wall, model%grid, model%velocity, is_held, taken)
     if (model%relaxing) return
-    associate (balance => model%balance, nodal => model%nodal)
-      do i = 1, model%grid%n_node
-        if (.not. model%grid%node_map%is_owned(i)) cycle
-        balance%wall_impulse = balance%wall_impulse + &
-                               nodal(1, i)*(model%velocity(:, i) - before(:, i))
-        if (nodal(1, i) > light_node_mass(model)) cycle
-        balance%lost_impulse = balance%lost_impulse - model%clock%dt*nodal(2 + ndim:, i)
-      end do
-    end associate
+    call book_wall_impulse(model, before)
+    do i = 1, model%grid%n_node
+      if (.not. model%grid%node_map%is_owned(i)) cycle
+      if (model%nodal(1, i) > light_node_mass(model)) cycle
+      model%balance%lost_impulse = model%balance%lost_impulse - &
+                                   model%clock%dt*model%nodal(2 + ndim:, i)
+    end do
   end subroutine meet_rigid_walls
+
+  subroutine book_wall_impulse(model, before)
+    !! The impulse of rigid walls that changed nodal velocities.
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: before(:, :)   !! (ndim, n_node) velocities without the walls [m/s]
+    integer :: i
+
+    do i = 1, model%grid%n_node
+      if (.not. model%grid%node_map%is_owned(i)) cycle
+      model%balance%wall_impulse = model%balance%wall_impulse + &
+                                   model%nodal(1, i)*(model%velocity(:, i) - before(:, i))
+    end do
+  end subroutine book_wall_impulse
 
   subroutine nodal_accelerations(model, acceleration)
     !! Accelerations of nodes at rest under the forces at hand; held nodes stay where they are.

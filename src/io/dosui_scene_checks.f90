@@ -732,14 +732,20 @@ contains
   end subroutine check_shaking
 
   subroutine check_rigid_walls(checker, scene)
-    !! Walls that explicit steps can meet.
+    !! Walls that explicit and semi-implicit steps can meet.
     type(checker_t), intent(inout) :: checker
     type(scene_t), intent(in) :: scene
     integer :: k
 
     do k = 1, group_size(scene, 'rigid_wall')
-      if (scene%integrator /= 'explicit' .and. scene%integrator /= 'auto') then
-        call checker%complain('rigid_wall', k, '', 'works with integrator = ''explicit'' only')
+      if (scene%integrator == 'quasi_static') then
+        call checker%complain('rigid_wall', k, '', &
+                              'does not work with integrator = ''quasi_static''')
+      end if
+      if (scene%integrator == 'semi_implicit' .and. &
+          count(abs(scene%rigid_wall(k)%normal) > 0.0_wp) > 1) then
+        call checker%complain('rigid_wall', k, 'normal', &
+                              'must be along an axis with integrator = ''semi_implicit''')
       end if
       if (scene%deformation == 'finite') then
         call checker%complain('rigid_wall', k, '', 'does not work with finite strains')

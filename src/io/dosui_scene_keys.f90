@@ -172,7 +172,7 @@ contains
                          'pile say: particles do not see each other through it. It has no '// &
                          'stiffness.', .false., .true.)
     groups(14) = group_t('rigid_wall', 'A rigid half-space outside all bodies: they may meet '// &
-                         'it, slide on it and leave it. Explicit steps only.', .false., .true.)
+                         'it, slide on it and leave it. Not quasi_static.', .false., .true.)
     groups(15) = group_t('source', 'Body forces and water sources as formulas of x, y, z and t '// &
                          '(those of the dimension), with + - * / ^, pi, sin cos tan atan exp '// &
                          'log sqrt abs sinh cosh tanh step min max.', .false., .false.)

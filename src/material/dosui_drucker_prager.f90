@@ -4,6 +4,10 @@
 !!
 !! eta and xi fit the cone to Mohr-Coulomb's planes: at triaxial compression, at triaxial extension,
 !! or for plane strain (de Souza Neto et al. 2008, ch. 6).
+!!
+!! Soil whose m_t is zero remembers by how much its volume opens at the cut-off, and carries no
+!! pressure before that has closed: the opened volume is a strain that the next elastic trial still
+!! has (Tampubolon2017).
 module dosui_drucker_prager
   use dosui_kinds, only: wp
   use dosui_dimension, only: nsig
@@ -14,12 +18,14 @@ module dosui_drucker_prager
   private
 
   integer, parameter :: plastic_strain = 1   ! state variable: plastic shear strain [-]
+  integer, parameter :: opened = 2           ! likewise: opened volume over volume [-]
 
   type, extends(isotropic_model_t), public :: drucker_prager_t
     real(wp) :: eta = 0.0_wp             !! slope of the cone [-]
     real(wp) :: flow = 0.0_wp            !! slope of the plastic potential [-]
     real(wp) :: strength = 0.0_wp        !! xi c [Pa]
     real(wp) :: largest_mean = huge(1.0_wp)   !! m_t, not beyond the apex [Pa]
+    logical, private :: can_open = .false.    !! m_t is zero
   contains
     procedure :: init => drucker_prager_init
     procedure :: update_stress => drucker_prager_update_stress
@@ -40,13 +46,19 @@ contains
 
     call self%set_elasticity(young_modulus, poisson_ratio)
     self%is_nonlinear = .true.
-    self%state_names = [character(len=32) :: 'plastic_shear_strain']
-    self%state_units = [character(len=8) :: '-']
     self%eta = slope_of(friction)
     self%flow = slope_of(dilation)
     self%strength = cohesion*factor_of(friction)
     self%largest_mean = tensile_strength
     if (self%eta > 0.0_wp) self%largest_mean = min(tensile_strength, self%strength/self%eta)
+    self%can_open = .not. self%largest_mean > 0.0_wp
+    if (self%can_open) then
+      self%state_names = [character(len=32) :: 'plastic_shear_strain', 'opened_volume']
+      self%state_units = [character(len=8) :: '-', '-']
+    else
+      self%state_names = [character(len=32) :: 'plastic_shear_strain']
+      self%state_units = [character(len=8) :: '-']
+    end if
 
   contains
 
@@ -82,7 +94,7 @@ contains
     type(error_t), intent(inout) :: err
     real(wp), intent(out), optional :: tangent(nsig, nsig, n)
     real(wp) :: elastic(nsig, nsig), deviator(nsig), trial_mean, trial_length, mean, length
-    real(wp) :: of_mean(2), of_length(2), bulk
+    real(wp) :: of_mean(2), of_length(2), bulk, multiplier
     integer :: p
     logical :: is_elastic
 
@@ -91,6 +103,10 @@ contains
     elastic = elastic_matrix(self%lambda, self%shear)
     do p = 1, n
       stress(:, p) = stress(:, p) + matmul(elastic, strain_increment(:, p))
+      if (self%can_open) then   ! what has opened must close first
+        stress(1:3, p) = stress(1:3, p) + bulk*state(opened, p)
+        state(opened, p) = 0.0_wp
+      end if
       call deviator_of(stress(:, p), trial_mean, deviator, trial_length)
       call return_to_cone(self, bulk, trial_mean, trial_length, mean, length, of_mean, of_length, &
                           is_elastic)
@@ -99,7 +115,13 @@ contains
       if (trial_length > 0.0_wp) stress(:, p) = deviator*(length/trial_length)
       stress(1:3, p) = stress(1:3, p) + mean
       if (.not. trial_length > 0.0_wp) stress(1:3, p) = mean
-      state(plastic_strain, p) = state(plastic_strain, p) + (trial_length - length)/self%shear
+      multiplier = (trial_length - length)/self%shear
+      state(plastic_strain, p) = state(plastic_strain, p) + multiplier
+      if (self%can_open .and. .not. mean < self%largest_mean) then
+        ! at the cut-off; soil that carries nothing does not dilate either
+        if (length > 0.0_wp) trial_mean = trial_mean - bulk*self%flow*multiplier
+        state(opened, p) = max(0.0_wp, (trial_mean - mean)/bulk)
+      end if
       if (present(tangent)) then
         tangent(:, :, p) = tangent_from_invariants(bulk, self%shear, deviator, trial_length, &
                                                    length, of_mean, of_length)

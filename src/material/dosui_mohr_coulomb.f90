@@ -6,8 +6,12 @@
 !! With s1 >= s2 >= s3, tension positive. Plastic flow of the shear planes follows the dilation
 !! angle, that of the cut-off is associated. Which planes are active is found by trying them: as
 !! elasticity and planes are linear, one solution has no negative multiplier and breaks no plane
-!! (Clausen et al. 2006 do the same with geometry). Cohesion and angles follow the plastic shear
-!! strain at the start of the step. phi = 0 is Tresca's material.
+!! (Clausen et al. 2006 do the same with geometry). The likely ones come first. Cohesion and angles
+!! follow the plastic shear strain at the start of the step. phi = 0 is Tresca's material.
+!!
+!! Soil without any tensile strength (cut-off at zero) that comes apart remembers by how much its
+!! volume has opened: it carries nothing before that has closed (Tampubolon2017). The opened
+!! volume is a strain that the next elastic trial still has.
 module dosui_mohr_coulomb
   use dosui_kinds, only: wp
   use dosui_dimension, only: nsig
@@ -19,10 +23,27 @@ module dosui_mohr_coulomb
   private
 
   integer, parameter :: n_plane = 6   ! shear between 1-3, 1-2, 2-3, tension along 1, 2, 3
-  real(wp), parameter :: slack = 1.0e-10_wp     ! of planes, over the stress [-]
+  integer, parameter :: n_set = 41    ! of up to three planes
+  integer, parameter :: sets(n_set) = [ &   ! their numbers as digits: likely ones, then all others
+                        1, 12, 13, 456, 4, 14, 45, 124, 134, 145, 123, 2, 3, 5, &
+                        6, 15, 16, 23, 24, 25, 26, 34, 35, 36, 46, 56, 125, 126, &
+                        135, 136, 146, 156, 234, 235, 236, 245, 246, 256, 345, 346, 356]
+  real(wp), parameter :: slack = 1.0e-10_wp   ! of planes, over the stress [-]
+  real(wp), parameter :: regular = 1.0e-12_wp   ! pivots and determinants beyond, over the entries
   real(wp), parameter :: unlimited = 0.5_wp*huge(1.0_wp)   ! strengths beyond are none [Pa]
   integer, parameter :: plastic_strain = 1      ! state variable: plastic shear strain [-]
+  integer, parameter :: opened = 2              ! likewise: opened volume over volume [-]
 
+  type :: planes_t
+    !! Planes normal . s <= strength and their plastic flow.
+    real(wp) :: normal(3, n_plane)
+    real(wp) :: flow(3, n_plane)             !! direction of the plastic strain
+    real(wp) :: back(3, n_plane)             !! elastic stress of that strain [Pa]
+    real(wp) :: product(n_plane, n_plane)    !! normal^T back [Pa]
+    real(wp) :: strength(n_plane)            !! [Pa]
+    real(wp) :: largest                      !! of the limited strengths, absolute [Pa]
+    logical :: is_limited(n_plane)           !! the others have no strength that counts
+  end type planes_t
   type, extends(isotropic_model_t), public :: mohr_coulomb_t
     real(wp) :: cohesion = 0.0_wp          !! c at first [Pa]
     real(wp) :: friction = 0.0_wp          !! phi at first [rad]
@@ -31,6 +52,7 @@ module dosui_mohr_coulomb
     real(wp) :: residual_cohesion = 0.0_wp !! after softening [Pa]
     real(wp) :: residual_friction = 0.0_wp !! likewise [rad]
     real(wp) :: softening_strain = 0.0_wp  !! plastic shear strain that softens fully; 0: none [-]
+    logical, private :: can_open = .false. !! the cut-off is, or can come to lie, at zero
   contains
     procedure :: init => mohr_coulomb_init
     procedure :: update_stress => mohr_coulomb_update_stress
@@ -46,8 +68,17 @@ contains
 
     call self%set_elasticity(young_modulus, poisson_ratio)
     self%is_nonlinear = .true.
-    self%state_names = [character(len=32) :: 'plastic_shear_strain']
-    self%state_units = [character(len=8) :: '-']
+    self%can_open = .not. self%tensile_strength > 0.0_wp
+    if (self%friction > 0.0_wp .and. .not. self%cohesion > 0.0_wp) self%can_open = .true.
+    if (self%softening_strain > 0.0_wp .and. self%residual_friction > 0.0_wp .and. &
+        .not. self%residual_cohesion > 0.0_wp) self%can_open = .true.
+    if (self%can_open) then
+      self%state_names = [character(len=32) :: 'plastic_shear_strain', 'opened_volume']
+      self%state_units = [character(len=8) :: '-', '-']
+    else
+      self%state_names = [character(len=32) :: 'plastic_shear_strain']
+      self%state_units = [character(len=8) :: '-']
+    end if
   end subroutine mohr_coulomb_init
 
   subroutine mohr_coulomb_update_stress(self, n, strain_increment, stress, state, err, tangent)
@@ -59,191 +90,245 @@ contains
     real(wp), intent(inout) :: state(:, :)
     type(error_t), intent(inout) :: err
     real(wp), intent(out), optional :: tangent(nsig, nsig, n)
-    real(wp) :: elastic(nsig, nsig), trial(3), vector(3, 3), value(3), derivative(3, 3), shear
-    real(wp) :: normal(3, n_plane), flow(3, n_plane), strength(n_plane)
-    integer :: p
+    real(wp) :: elastic(nsig, nsig), trial(3), vector(3, 3), value(3), strain(3), inverse(3, 3)
+    real(wp) :: bulk
+    type(planes_t) :: planes
+    integer :: active(3), p
     logical :: is_elastic, is_solved
 
     elastic = elastic_matrix(self%lambda, self%shear)
+    bulk = self%bulk_modulus()
+    call find_planes(self, 0.0_wp, planes)
     do p = 1, n
       stress(:, p) = stress(:, p) + matmul(elastic, strain_increment(:, p))
+      if (self%can_open) then   ! what has opened must close first
+        stress(1:3, p) = stress(1:3, p) + bulk*state(opened, p)
+        state(opened, p) = 0.0_wp
+      end if
       if (present(tangent)) tangent(:, :, p) = elastic
       call principal_stresses(stress(:, p), trial, vector)
-      call planes_of(self, state(plastic_strain, p), normal, flow, strength)
-      call return_to_planes(self, trial, normal, flow, strength, value, derivative, shear, &
-                            is_elastic, is_solved)
+      if (self%softening_strain > 0.0_wp) call find_planes(self, state(plastic_strain, p), planes)
+      call return_to_planes(trial, planes, value, strain, active, inverse, is_elastic, is_solved)
       if (is_elastic) cycle
       if (.not. is_solved) call err%set('Mohr-Coulomb: no admissible stress')
       stress(:, p) = stress_from_principal(value, vector)
-      state(plastic_strain, p) = state(plastic_strain, p) + shear
+      state(plastic_strain, p) = state(plastic_strain, p) + maxval(strain) - minval(strain)
+      if (self%can_open) then
+        if (is_apart(trial, value, planes)) state(opened, p) = max(0.0_wp, sum(strain))
+      end if
       if (present(tangent)) then
-        tangent(:, :, p) = tangent_from_principal(trial, vector, value, derivative, elastic)
+        tangent(:, :, p) = tangent_from_principal(trial, vector, value, &
+                                                  derivative_of(planes, active, inverse), elastic)
       end if
     end do
   end subroutine mohr_coulomb_update_stress
 
-  pure subroutine planes_of(self, strain, normal, flow, strength)
-    !! Planes normal . s <= strength and their directions of plastic strain.
+  pure subroutine find_planes(self, plastic, planes)
+    !! The planes after some plastic strain.
     type(mohr_coulomb_t), intent(in) :: self
-    real(wp), intent(in) :: strain                 !! plastic, in shear [-]
-    real(wp), intent(out) :: normal(3, n_plane), flow(3, n_plane), strength(n_plane)
+    real(wp), intent(in) :: plastic                 !! in shear [-]
+    type(planes_t), intent(out) :: planes
     integer, parameter :: major(3) = [1, 1, 2], minor(3) = [3, 2, 3]
     real(wp) :: cohesion, friction, dilation, left
     integer :: k
 
     left = 1.0_wp   ! share of the first strength
-    if (self%softening_strain > 0.0_wp) left = max(0.0_wp, 1.0_wp - strain/self%softening_strain)
-    cohesion = self%residual_cohesion + left*(self%cohesion - self%residual_cohesion)
-    friction = self%residual_friction + left*(self%friction - self%residual_friction)
-    if (.not. self%softening_strain > 0.0_wp) then
-      cohesion = self%cohesion
-      friction = self%friction
+    cohesion = self%cohesion
+    friction = self%friction
+    if (self%softening_strain > 0.0_wp) then
+      left = max(0.0_wp, 1.0_wp - plastic/self%softening_strain)
+      cohesion = self%residual_cohesion + left*(self%cohesion - self%residual_cohesion)
+      friction = self%residual_friction + left*(self%friction - self%residual_friction)
     end if
     dilation = min(self%dilation*left, friction)
-    normal = 0.0_wp
-    flow = 0.0_wp
+    planes%normal = 0.0_wp
+    planes%flow = 0.0_wp
     do k = 1, 3
-      normal(major(k), k) = 0.5_wp*(1.0_wp + sin(friction))
-      normal(minor(k), k) = -0.5_wp*(1.0_wp - sin(friction))
-      flow(major(k), k) = 0.5_wp*(1.0_wp + sin(dilation))
-      flow(minor(k), k) = -0.5_wp*(1.0_wp - sin(dilation))
-      strength(k) = cohesion*cos(friction)
-      normal(k, 3 + k) = 1.0_wp
-      flow(k, 3 + k) = 1.0_wp
-      strength(3 + k) = self%tensile_strength
+      planes%normal(major(k), k) = 0.5_wp*(1.0_wp + sin(friction))
+      planes%normal(minor(k), k) = -0.5_wp*(1.0_wp - sin(friction))
+      planes%flow(major(k), k) = 0.5_wp*(1.0_wp + sin(dilation))
+      planes%flow(minor(k), k) = -0.5_wp*(1.0_wp - sin(dilation))
+      planes%strength(k) = cohesion*cos(friction)
+      planes%normal(k, 3 + k) = 1.0_wp
+      planes%flow(k, 3 + k) = 1.0_wp
+      planes%strength(3 + k) = self%tensile_strength
       ! the cut-off never lies behind the apex
-      if (sin(friction) > 0.0_wp) strength(3 + k) = min(self%tensile_strength, &
-                                                        cohesion*cos(friction)/sin(friction))
+      if (sin(friction) > 0.0_wp) then
+        planes%strength(3 + k) = min(self%tensile_strength, cohesion*cos(friction)/sin(friction))
+      end if
     end do
-  end subroutine planes_of
-
-  subroutine return_to_planes(self, trial, normal, flow, strength, value, derivative, shear, &
-                              is_elastic, is_solved)
-    !! Principal stresses on the active planes. The trial stress lies outside at least one.
-    type(mohr_coulomb_t), intent(in) :: self
-    real(wp), intent(in) :: trial(3)                       !! ordered [Pa]
-    real(wp), intent(in) :: normal(3, n_plane), flow(3, n_plane), strength(n_plane)
-    real(wp), intent(out) :: value(3)                      !! [Pa]
-    real(wp), intent(out) :: derivative(3, 3)              !! of value by trial [-]
-    real(wp), intent(out) :: shear                         !! plastic shear strain increment [-]
-    logical, intent(out) :: is_elastic, is_solved
-    real(wp) :: excess(n_plane), back(3, n_plane), allowed, limit
-    integer :: active(3), i, j, k
-
-    is_elastic = .true.
-    is_solved = .false.
-    value = trial
-    derivative = 0.0_wp
-    shear = 0.0_wp
+    planes%is_limited = planes%strength < unlimited
+    planes%largest = maxval(abs(planes%strength), mask=planes%is_limited)
     do k = 1, n_plane
-      allowed = slack*maxval(abs(trial))
-      excess(k) = -1.0_wp
-      if (strength(k) < unlimited) excess(k) = dot_product(normal(:, k), trial) - strength(k)
-      if (excess(k) > allowed) is_elastic = .false.
-      back(:, k) = 2.0_wp*self%shear*flow(:, k) + self%lambda*sum(flow(:, k))   ! D flow
+      planes%back(:, k) = 2.0_wp*self%shear*planes%flow(:, k) + self%lambda*sum(planes%flow(:, k))
     end do
+    planes%product = matmul(transpose(planes%normal), planes%back)
+  end subroutine find_planes
+
+  pure subroutine return_to_planes(trial, planes, value, strain, active, inverse, is_elastic, &
+                                   is_solved)
+    !! Principal stresses on the active planes.
+    real(wp), intent(in) :: trial(3)             !! ordered, largest first [Pa]
+    type(planes_t), intent(in) :: planes
+    real(wp), intent(out) :: value(3)            !! [Pa]
+    real(wp), intent(out) :: strain(3)           !! plastic, principal [-]
+    integer, intent(out) :: active(3)            !! planes, 0: fewer
+    real(wp), intent(out) :: inverse(3, 3)       !! of their part of planes%product [1/Pa]
+    logical, intent(out) :: is_elastic, is_solved
+    real(wp) :: excess(n_plane), scale, limit
+    integer :: k, set
+    logical :: is_upper
+
+    value = trial
+    strain = 0.0_wp
+    active = 0
+    inverse = 0.0_wp
+    is_solved = .false.
+    scale = max(abs(trial(1)), abs(trial(3)))
+    excess = excess_of(planes, trial)
+    is_elastic = max(excess(1), excess(4)) <= slack*scale   ! the others have less
     if (is_elastic) return
-    limit = slack*(maxval(abs(trial)) + maxval(abs(strength), mask=strength < unlimited))
-    do i = 1, n_plane
-      active = [i, 0, 0]
-      call try(active(1:1))
+    limit = slack*(scale + planes%largest)
+    is_upper = trial(1) - trial(2) < trial(2) - trial(3)
+    do k = 1, n_set
+      set = sets(k)
+      if (k == 2 .and. is_upper) set = sets(3)   ! the nearer edge first
+      if (k == 3 .and. is_upper) set = sets(2)
+      active = [mod(set, 10), mod(set/10, 10), set/100]
+      call try_planes(trial, planes, excess, limit, active, value, strain, inverse, is_solved)
       if (is_solved) return
     end do
-    do i = 1, n_plane
-      do j = i + 1, n_plane
-        active = [i, j, 0]
-        call try(active(1:2))
-        if (is_solved) return
-      end do
-    end do
-    do i = 1, n_plane
-      do j = i + 1, n_plane
-        do k = j + 1, n_plane
-          active = [i, j, k]
-          call try(active)
-          if (is_solved) return
-        end do
-      end do
-    end do
-
-  contains
-
-    subroutine try(planes)
-      !! Solves with these planes active; accepts what breaks no plane and pulls none.
-      integer, intent(in) :: planes(:)
-      real(wp) :: matrix(size(planes), size(planes)), inverse(size(planes), size(planes))
-      real(wp) :: multiplier(size(planes)), candidate(3), identity(3, 3), strain(3)
-      integer :: a, b, m
-      logical :: is_regular
-
-      m = size(planes)
-      if (any(strength(planes) > unlimited)) return
-      do b = 1, m
-        do a = 1, m
-          matrix(a, b) = dot_product(normal(:, planes(a)), back(:, planes(b)))
-        end do
-      end do
-      call invert_small(m, matrix, inverse, is_regular)
-      if (.not. is_regular) return
-      multiplier = matmul(inverse, excess(planes))
-      if (any(multiplier < -slack*maxval(abs(multiplier)))) return
-      candidate = trial - matmul(back(:, planes), multiplier)
-      do a = 1, n_plane
-        if (strength(a) > unlimited) cycle
-        if (dot_product(normal(:, a), candidate) - strength(a) > limit) return
-      end do
-      if (candidate(1) < candidate(2) - limit .or. candidate(2) < candidate(3) - limit) return
-      is_solved = .true.
-      value = candidate
-      identity = 0.0_wp
-      do a = 1, 3
-        identity(a, a) = 1.0_wp
-      end do
-      derivative = identity - matmul(matmul(back(:, planes), inverse), &
-                                     transpose(normal(:, planes)))
-      strain = matmul(flow(:, planes), multiplier)
-      shear = maxval(strain) - minval(strain)
-    end subroutine try
   end subroutine return_to_planes
 
-  pure subroutine invert_small(n, matrix, inverse, is_regular)
-    !! Inverse of a matrix of up to three rows by Gauss-Jordan with pivots.
-    integer, intent(in) :: n
-    real(wp), intent(in) :: matrix(n, n)
-    real(wp), intent(out) :: inverse(n, n)
+  pure function excess_of(planes, stress) result(excess)
+    !! How far principal stresses lie beyond the planes [Pa].
+    type(planes_t), intent(in) :: planes
+    real(wp), intent(in) :: stress(3)
+    real(wp) :: excess(n_plane)
+    integer :: k
+
+    do k = 1, n_plane
+      excess(k) = -1.0_wp
+      if (planes%is_limited(k)) then
+        excess(k) = planes%normal(1, k)*stress(1) + planes%normal(2, k)*stress(2) + &
+                    planes%normal(3, k)*stress(3) - planes%strength(k)
+      end if
+    end do
+  end function excess_of
+
+  pure subroutine try_planes(trial, planes, excess, limit, active, value, strain, inverse, &
+                             is_solved)
+    !! Solves with these planes active; accepts what breaks no plane and pulls none.
+    real(wp), intent(in) :: trial(3)
+    type(planes_t), intent(in) :: planes
+    real(wp), intent(in) :: excess(n_plane), limit      !! [Pa]
+    integer, intent(in) :: active(3)
+    real(wp), intent(inout) :: value(3), strain(3)      !! set if accepted
+    real(wp), intent(out) :: inverse(3, 3)
+    logical, intent(out) :: is_solved
+    real(wp) :: multiplier(3), candidate(3)
+    integer :: a, b, n
+    logical :: is_regular
+
+    is_solved = .false.
+    n = count(active > 0)
+    do a = 1, n
+      if (.not. planes%is_limited(active(a))) return
+    end do
+    if (n == 1) then
+      inverse(1, 1) = 1.0_wp/planes%product(active(1), active(1))
+      multiplier(1) = inverse(1, 1)*excess(active(1))
+      if (multiplier(1) < 0.0_wp) return
+    else
+      do b = 1, n
+        do a = 1, n
+          inverse(a, b) = planes%product(active(a), active(b))
+        end do
+      end do
+      call invert_small(n, inverse, is_regular)
+      if (.not. is_regular) return
+      multiplier(1:n) = matmul(inverse(1:n, 1:n), excess(active(1:n)))
+      if (minval(multiplier(1:n)) < -slack*maxval(abs(multiplier(1:n)))) return
+    end if
+    candidate = trial
+    do a = 1, n
+      candidate = candidate - planes%back(:, active(a))*multiplier(a)
+    end do
+    if (candidate(1) < candidate(2) - limit .or. candidate(2) < candidate(3) - limit) return
+    if (maxval(excess_of(planes, candidate)) > limit) return
+    is_solved = .true.
+    value = candidate
+    strain = 0.0_wp
+    do a = 1, n
+      strain = strain + planes%flow(:, active(a))*multiplier(a)
+    end do
+  end subroutine try_planes
+
+  pure logical function is_apart(trial, value, planes)
+    !! Does the soil carry nothing at all, since its cut-off lies at zero?
+    real(wp), intent(in) :: trial(3), value(3)   !! [Pa]
+    type(planes_t), intent(in) :: planes
+
+    is_apart = planes%strength(4) <= 0.0_wp .and. &
+               maxval(abs(value)) <= slack*(maxval(abs(trial)) + planes%largest)
+  end function is_apart
+
+  pure function derivative_of(planes, active, inverse) result(derivative)
+    !! Derivative of the principal stresses by the trial ones [-].
+    type(planes_t), intent(in) :: planes
+    integer, intent(in) :: active(3)
+    real(wp), intent(in) :: inverse(3, 3)   !! of the active part of planes%product [1/Pa]
+    real(wp) :: derivative(3, 3)
+    integer :: a, n
+
+    n = count(active > 0)
+    derivative = -matmul(matmul(planes%back(:, active(1:n)), inverse(1:n, 1:n)), &
+                         transpose(planes%normal(:, active(1:n))))
+    do a = 1, 3
+      derivative(a, a) = derivative(a, a) + 1.0_wp
+    end do
+  end function derivative_of
+
+  pure subroutine invert_small(n, matrix, is_regular)
+    !! Replaces the first n rows and columns of a matrix by their inverse; three by Gauss-Jordan
+    !! with pivots.
+    integer, intent(in) :: n                        !! 2 or 3
+    real(wp), intent(inout) :: matrix(3, 3)
     logical, intent(out) :: is_regular
-    real(wp) :: a(n, n), row(n), factor, scale
+    real(wp) :: a(3, 6), row(6), scale, determinant
     integer :: i, j, pivot
 
-    a = matrix
-    inverse = 0.0_wp
-    do i = 1, n
-      inverse(i, i) = 1.0_wp
+    is_regular = .false.
+    if (n == 2) then
+      determinant = matrix(1, 1)*matrix(2, 2) - matrix(1, 2)*matrix(2, 1)
+      scale = abs(matrix(1, 1)*matrix(2, 2)) + abs(matrix(1, 2)*matrix(2, 1))
+      if (.not. abs(determinant) > regular*scale) return
+      is_regular = .true.
+      scale = 1.0_wp/determinant
+      matrix(1:2, 1:2) = reshape([matrix(2, 2), -matrix(2, 1), -matrix(1, 2), matrix(1, 1)], &
+                                 [2, 2])*scale
+      return
+    end if
+    a = 0.0_wp
+    a(:, 1:3) = matrix
+    do j = 1, 3
+      a(j, 3 + j) = 1.0_wp
     end do
-    scale = maxval(abs(a))
-    is_regular = scale > 0.0_wp
-    if (.not. is_regular) return
-    do i = 1, n
-      pivot = i - 1 + maxloc(abs(a(i:, i)), dim=1)
-      if (.not. abs(a(pivot, i)) > 1.0e-12_wp*scale) then
-        is_regular = .false.
-        return
-      end if
-      row = a(i, :)
-      a(i, :) = a(pivot, :)
-      a(pivot, :) = row
-      row = inverse(i, :)
-      inverse(i, :) = inverse(pivot, :)
-      inverse(pivot, :) = row
-      factor = 1.0_wp/a(i, i)
-      a(i, :) = a(i, :)*factor
-      inverse(i, :) = inverse(i, :)*factor
-      do j = 1, n
-        if (j == i) cycle
-        factor = a(j, i)
-        a(j, :) = a(j, :) - factor*a(i, :)
-        inverse(j, :) = inverse(j, :) - factor*inverse(i, :)
+    scale = maxval(abs(matrix))
+    do i = 1, 3
+      pivot = i
+      do j = i + 1, 3
+        if (abs(a(j, i)) > abs(a(pivot, i))) pivot = j
+      end do
+      if (.not. abs(a(pivot, i)) > regular*scale) return
+      row = a(pivot, :)/a(pivot, i)
+      a(pivot, :) = a(i, :)
+      a(i, :) = row
+      do j = 1, 3
+        if (j /= i) a(j, :) = a(j, :) - a(j, i)*row
       end do
     end do
+    is_regular = .true.
+    matrix = a(:, 4:)
   end subroutine invert_small
 end module dosui_mohr_coulomb

@@ -36,7 +36,7 @@ contains
     real(wp), intent(out) :: value(3)
     real(wp), intent(out) :: vector(3, 3)   !! (component, direction)
     real(wp) :: a(3, 3), column(3), t, c, s, h
-    integer :: order(3), i, j, k, m, sweep
+    integer :: i, j, k, m, sweep
 
     a = 0.0_wp
     do m = 1, nsig
@@ -47,6 +47,11 @@ contains
     do k = 1, 3
       vector(k, k) = 1.0_wp
     end do
+    if (nsig == 4) then   ! a plane: one rotation
+      call turn_plane(a, vector)
+      call put_in_order(a, vector, value)
+      return
+    end if
     do sweep = 1, sweeps
       if (abs(a(1, 2)) + abs(a(2, 3)) + abs(a(1, 3)) <= &
           epsilon(1.0_wp)*1.0e-2_wp*maxval(abs(a))) exit
@@ -70,16 +75,53 @@ contains
         end do
       end do
     end do
+    call put_in_order(a, vector, value)
+  end subroutine principal_stresses
+
+  pure subroutine turn_plane(a, vector)
+    !! Principal values and directions where only one shear stress is not zero.
+    real(wp), intent(inout) :: a(3, 3)
+    real(wp), intent(inout) :: vector(3, 3)   !! the unit matrix at first
+    real(wp) :: t, c, s, h
+    integer :: i, j
+
+    i = first_axis(voigt6(nsig))
+    j = second_axis(voigt6(nsig))
+    if (.not. abs(a(i, j)) > 0.0_wp) return
+    h = 0.5_wp*(a(j, j) - a(i, i))
+    t = a(i, j)/(abs(h) + sqrt(h**2 + a(i, j)**2))
+    if (h < 0.0_wp) t = -t
+    c = 1.0_wp/sqrt(1.0_wp + t**2)
+    s = t*c
+    a(i, i) = a(i, i) - t*a(i, j)
+    a(j, j) = a(j, j) + t*a(i, j)
+    vector(i, i) = c
+    vector(j, i) = -s
+    vector(i, j) = s
+    vector(j, j) = c
+  end subroutine turn_plane
+
+  pure subroutine put_in_order(a, vector, value)
+    !! The diagonal and its directions, largest value first.
+    real(wp), intent(in) :: a(3, 3)
+    real(wp), intent(inout) :: vector(3, 3)
+    real(wp), intent(out) :: value(3)
+    real(wp) :: kept, column(3)
+    integer :: i, j
+
     value = [a(1, 1), a(2, 2), a(3, 3)]
-    order = [1, 2, 3]
     do i = 1, 2
       do j = 1, 3 - i
-        if (value(order(j)) < value(order(j + 1))) order([j, j + 1]) = order([j + 1, j])
+        if (.not. value(j) < value(j + 1)) cycle
+        kept = value(j)
+        value(j) = value(j + 1)
+        value(j + 1) = kept
+        column = vector(:, j)
+        vector(:, j) = vector(:, j + 1)
+        vector(:, j + 1) = column
       end do
     end do
-    value = value(order)
-    vector = vector(:, order)
-  end subroutine principal_stresses
+  end subroutine put_in_order
 
   pure function stress_from_principal(value, vector) result(stress)
     !! The stress with given principal values and directions.

@@ -12,17 +12,21 @@ module dosui_rigid_walls
   implicit none
   private
 
-  public :: meet_walls, rest_on_walls
+  public :: meet_walls, correct_friction, rest_on_walls
 
   real(wp), parameter :: on_plane = 1.0e-9_wp   !! of a grid spacing [-]
 
 contains
 
-  pure subroutine meet_walls(walls, grid, velocity)
+  pure subroutine meet_walls(walls, grid, velocity, is_held, taken)
     !! Stops and brakes the nodes that move into walls.
     type(rigid_wall_t), intent(in) :: walls(:)
     type(grid_t), intent(in) :: grid
     real(wp), intent(inout) :: velocity(ndim, grid%n_node)   !! [m/s]
+    logical, intent(inout), optional :: is_held(ndim, grid%n_node)
+    !! set for components that walls stop: along the axis of a wall's normal, all where it sticks
+    real(wp), intent(inout), optional :: taken(ndim, grid%n_node)
+    !! the velocities into walls that were taken are added, along their inward normals [m/s]
     real(wp) :: normal(ndim), approach, sliding
     integer :: i, k
 
@@ -43,9 +47,41 @@ contains
             velocity(:, i) = 0.0_wp
           end if
         end if
+        if (present(taken)) taken(:, i) = taken(:, i) - approach*normal
+        if (present(is_held)) then
+          is_held(maxloc(abs(normal), dim=1), i) = .true.
+          if (.not. norm2(velocity(:, i)) > 0.0_wp .and. &
+              (walls(k)%is_rough() .or. walls(k)%friction > 0.0_wp)) is_held(:, i) = .true.
+        end if
       end do
     end do
   end subroutine meet_walls
+
+  pure subroutine correct_friction(walls, grid, taken, push, is_held, velocity)
+    !! Friction of what later pushes nodes against walls that have stopped them already, or eases
+    !! them: altogether no more than the coefficient times what walls take, and no less than none.
+    type(rigid_wall_t), intent(in) :: walls(:)
+    type(grid_t), intent(in) :: grid
+    real(wp), intent(in) :: taken(ndim, grid%n_node)      !! as from `meet_walls` [m/s]
+    real(wp), intent(in) :: push(ndim, grid%n_node)       !! velocity it would give free nodes [m/s]
+    logical, intent(in) :: is_held(ndim, grid%n_node)     !! as from `meet_walls`
+    real(wp), intent(inout) :: velocity(ndim, grid%n_node)   !! [m/s]
+    real(wp) :: normal(ndim), more, sliding
+    integer :: i, k
+
+    do k = 1, size(walls)
+      if (walls(k)%is_rough() .or. .not. walls(k)%friction > 0.0_wp) cycle
+      normal = walls(k)%normal/norm2(walls(k)%normal)
+      do i = 1, grid%n_node
+        if (all(is_held(:, i)) .or. .not. is_held(maxloc(abs(normal), dim=1), i)) cycle
+        if (.not. is_behind(walls(k), normal, grid, i)) cycle
+        sliding = norm2(velocity(:, i))
+        if (.not. sliding > 0.0_wp) cycle
+        more = max(-dot_product(push(:, i), normal), dot_product(taken(:, i), normal))
+        velocity(:, i) = velocity(:, i)*max(0.0_wp, 1.0_wp - walls(k)%friction*more/sliding)
+      end do
+    end do
+  end subroutine correct_friction
 
   pure subroutine rest_on_walls(walls, grid, motion)
     !! What an equilibrium before t = 0 takes a wall for: it holds the nodes at and behind it, also

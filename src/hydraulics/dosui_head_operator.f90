@@ -2,7 +2,8 @@
 !!
 !! Row i collects its neighbours' heads, the heads of surface points with a head condition, and one
 !! foot on every flux or no-flow patch that is near (the orthogonal projection of particle i),
-!! whose datum is the normal derivative. The conductivity k_ij between particles is the harmonic
+!! whose datum is the normal derivative. A patch that turns by more than 30 degrees within the
+!! neighbourhood (thin walls, small fillets) has one foot for each of its directions. The conductivity k_ij between particles is the harmonic
 !! mean and multiplies the entries of the Laplacian. All entries act on differences h_j - h_i, so
 !! that a constant head gives exactly zero.
 !!
@@ -22,6 +23,7 @@ module dosui_head_operator
   integer, parameter, public :: kind_flux = 0    !! surface point with a flux; no-flow is flux 0
   integer, parameter, public :: kind_head = 1    !! surface point with a head
   real(wp), parameter :: foot_reach = 1.1_wp     !! a foot beyond the patch's points by this is none
+  real(wp), parameter :: same_side = 0.86602540378443865_wp   !! least cosine of normals: 30 deg [-]
   integer, parameter :: max_rows = 512           !! neighbours and surface rows of one particle
   real(wp), parameter :: almost_on = 0.4_wp      !! distance of a face with heads, in spacings [-]
   real(wp), parameter :: attraction = 4.0_wp*ndim   !! C, the diagonal of such rows [-]
@@ -205,7 +207,7 @@ contains
   contains
 
     pure logical function nearest_of_patch(candidate) result(nearest)
-      !! Is this the nearest point of its patch (the first one of equals)?
+      !! Is this the nearest point of its patch that faces its way (the first one of equals)?
       integer, intent(in) :: candidate
       real(wp) :: distance, rival
       integer :: other
@@ -214,6 +216,7 @@ contains
       distance = sum((position(:, near(candidate)) - x)**2)
       do other = 1, size(near)
         if (patch(near(other)) /= patch(near(candidate)) .or. other == candidate) cycle
+        if (dot_product(normal(:, near(other)), normal(:, near(candidate))) < same_side) cycle
         rival = sum((position(:, near(other)) - x)**2)
         if (rival < distance*(1.0_wp - 1.0e-9_wp)) nearest = .false.
         if (abs(rival - distance) <= 1.0e-9_wp*distance .and. other < candidate) nearest = .false.

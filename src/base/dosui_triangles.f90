@@ -100,6 +100,7 @@ contains
     end if
     call fill_buckets(self)
     call check_sides(self, line, message)
+    if (len(message) == 0) call check_crossings(self, line, message)
   end subroutine triangles_init
 
   subroutine merge_corners(self, place)
@@ -114,8 +115,10 @@ contains
 
     n = size(place, 2)
     cell = 2.0_wp*merge_distance*norm2(self%high - self%low)
-    same = [(k, k=1, n)]
-    allocate (key(n), vertex(n))
+    allocate (same(n), key(n), vertex(n))
+    do k = 1, n
+      same(k) = k
+    end do
     do lattice = 0, 7
       shift = [(merge(0.5_wp, 0.0_wp, btest(lattice, d)), d=0, 2)]
       do k = 1, n
@@ -333,6 +336,59 @@ contains
     end do
   end subroutine check_sides
 
+  subroutine check_crossings(self, line, message)
+    !! No edge may pass through a triangle that it does not belong to.
+    type(triangles_t), intent(in) :: self
+    integer, intent(in) :: line(:)
+    character(len=:), allocatable, intent(inout) :: message
+    real(wp) :: x(3, 3), y(3, 3)
+    integer :: b, i, j, k
+
+    do b = 1, size(self%buckets%start) - 1
+      do i = self%buckets%start(b), self%buckets%start(b + 1) - 1
+        associate (t => self%buckets%triangle(i))
+          x = self%points(t)
+          do j = self%buckets%start(b), self%buckets%start(b + 1) - 1
+            associate (other => self%buckets%triangle(j))
+              y = self%points(other)
+              if (any(maxval(y, dim=2) < minval(x, dim=2))) cycle
+              if (any(maxval(x, dim=2) < minval(y, dim=2))) cycle
+              if (any(self%corner(:, other) == self%corner(1, t)) .or. &
+                  any(self%corner(:, other) == self%corner(2, t)) .or. &
+                  any(self%corner(:, other) == self%corner(3, t))) cycle
+              do k = 1, 3
+                if (.not. pierces(y(:, k), y(:, modulo(k, 3) + 1), x)) cycle
+                message = named(t, line)//': is crossed by '//named(other, line)// &
+                          ': the surface passes through itself, or parts of it overlap'
+                return
+              end do
+            end associate
+          end do
+        end associate
+      end do
+    end do
+  end subroutine check_crossings
+
+  pure logical function pierces(from, to, x)
+    !! Does a segment pass through a triangle, through its edges too?
+    real(wp), intent(in) :: from(3), to(3)   !! [m]
+    real(wp), intent(in) :: x(3, 3)          !! corners [m]
+    real(wp), parameter :: slack = 1.0e-9_wp
+    real(wp) :: normal(3), height(2), side(3), scale
+    integer :: k
+
+    normal = cross(x(:, 2) - x(:, 1), x(:, 3) - x(:, 1))
+    height = [dot_product(normal, from - x(:, 1)), dot_product(normal, to - x(:, 1))]
+    scale = slack*norm2(normal)*(norm2(to - from) + sqrt(norm2(normal)))
+    pierces = .false.
+    if (minval(height) > -scale .or. maxval(height) < scale) return
+    do k = 1, 3
+      side(k) = dot_product(to - from, cross(x(:, k) - from, x(:, modulo(k, 3) + 1) - from))
+    end do
+    scale = slack*norm2(to - from)*norm2(normal)
+    pierces = all(side > -scale) .or. all(side < scale)
+  end function pierces
+
   ! ---------------------------------------------------------------- buckets
 
   subroutine fill_buckets(self)
@@ -427,7 +483,10 @@ contains
     real(wp), parameter :: slack = 1.0e-4_wp   ! [deg]
     integer :: t, k, other
 
-    same = [(t, t=1, self%n_triangle)]
+    allocate (same(self%n_triangle))
+    do t = 1, self%n_triangle
+      same(t) = t
+    end do
     do t = 1, self%n_triangle
       do k = 1, 3
         other = self%neighbour(k, t)

@@ -34,8 +34,8 @@ contains
       call parse_binary(text, int(n), corners, solid, line, names, message)
     else if (starts_as_text(text)) then
       call parse_text(text, corners, solid, line, names, message)
-    else if (len(text) < header_length) then
-      message = 'is no STL file: '//to_text(len(text))//" bytes, and it does not begin with 'solid'"
+    else if (len(text) < header_length .or. index(text, achar(0)) == 0) then
+      message = "is no STL file: it does not begin with 'solid', nor is it binary"
     else
       message = 'is a binary STL file of '//to_text(n)//' triangles, which takes '// &
                 to_text(header_length + record_length*n)//' bytes; it has '//to_text(len(text))

@@ -55,6 +55,29 @@ def box(low: tuple[float, ...], high: tuple[float, ...]) -> Faces:
     return faces
 
 
+def angle_piece(size: float, depth: float) -> Faces:
+    """An L in the x-z plane: a square of `size` without its upper right quarter."""
+    half = 0.5 * size
+    outline = half * np.array([(0, 0), (1, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2), (0, 1)])
+    cells = [half * square((x, z)) for x, z in ((0, 0), (1, 0), (0, 1))]
+    return prism([outline], cells, 0.0, depth)
+
+
+def tunnel_block(size: float, depth: float) -> Faces:
+    """A block with a square tunnel along y of a third of its `size`: genus 1."""
+    third = size / 3
+    ring = [(0, 0), (1, 0), (2, 0), (3, 0), (3, 1), (3, 2), (3, 3), (2, 3), (1, 3), (0, 3)]
+    outer = third * np.array([*ring, (0, 2), (0, 1)])
+    inner = third * np.array([(1, 1), (1, 2), (2, 2), (2, 1)])
+    places = [(x, z) for x in range(3) for z in range(3) if (x, z) != (1, 1)]
+    return prism([outer, inner], [third * square(place) for place in places], 0.0, depth)
+
+
+def square(corner: tuple[int, int]) -> np.ndarray:
+    """Of side 1, counter-clockwise."""
+    return np.array(corner) + np.array([(0, 0), (1, 0), (1, 1), (0, 1)], dtype=float)
+
+
 def icosphere(level: int, radius: float = 1.0, equal_volume: bool = False) -> Faces:
     """An icosahedron whose triangles are quartered `level` times, about the origin."""
     golden = (1 + 5**0.5) / 2

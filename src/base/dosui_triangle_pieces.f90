@@ -3,8 +3,7 @@
 !!
 !! A planar face that a rectangular lattice fills exactly is divided by it. Any other face is cut
 !! into crumbs, which gather around centres: Lloyd's iterations (1982) with distances that also
-!! count how much normals differ (cf. the variational tangent plane intersections of Cohen-Steiner
-!! et al. 2004). Areas of all pieces add up to that of the face.
+!! count how much normals differ. Areas of all pieces add up to that of the face.
 module dosui_triangle_pieces
   use dosui_kinds, only: wp, i8
   use dosui_sort, only: sort_permutation

@@ -525,16 +525,16 @@ contains
       normal = normal + self%area(t)*self%normal(:, t)
       middle = middle + self%area(t)*sum(self%points(t), dim=2)/3.0_wp
     end do
-    text = to_text(area, 6)//' m2, normal '//place_text(rounded(normal/area, 1.0e-4_wp))// &
-           ', middle '//place_text(rounded(middle/area, 1.0e-6_wp*norm2(self%high - self%low)))
+    text = to_text(area, 6)//' m2, normal '//place_text(tidy(normal/area, 1.0e-4_wp))// &
+           ', middle '//place_text(tidy(middle/area, 1.0e-6_wp*norm2(self%high - self%low)))
   end function triangles_describe_face
 
-  elemental real(wp) function rounded(value, step)
-    !! To whole steps, for messages.
-    real(wp), intent(in) :: value, step
+  elemental real(wp) function tidy(value, least)
+    !! 0 for what is nothing but round-off, for messages.
+    real(wp), intent(in) :: value, least
 
-    rounded = anint(value/step)*step
-  end function rounded
+    tidy = merge(value, 0.0_wp, abs(value) >= least)
+  end function tidy
 
   pure real(wp) function angle_between(a, b) result(angle)
     !! Of two unit vectors [deg].

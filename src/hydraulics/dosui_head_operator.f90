@@ -3,9 +3,9 @@
 !! Row i collects its neighbours' heads, the heads of surface points with a head condition, and one
 !! foot on every flux or no-flow patch that is near (the orthogonal projection of particle i),
 !! whose datum is the normal derivative. A patch that turns by more than 30 degrees within the
-!! neighbourhood (thin walls, small fillets) has one foot for each of its directions. The conductivity k_ij between particles is the harmonic
-!! mean and multiplies the entries of the Laplacian. All entries act on differences h_j - h_i, so
-!! that a constant head gives exactly zero.
+!! neighbourhood (thin walls, small fillets) has one foot for each of its directions. The
+!! conductivity k_ij between particles is the harmonic mean and multiplies the entries of the
+!! Laplacian. All entries act on differences h_j - h_i, so that a constant head gives exactly zero.
 !!
 !! A particle that almost lies on a surface with a head has its neighbours on one side only and
 !! surface points beside it instead of beyond: through its own head the fit falls off convexly, and

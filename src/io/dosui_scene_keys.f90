@@ -617,8 +617,9 @@ contains
     call v%name(region%name, key('name', 'what surfaces and initial states call it', &
                                  required=.true.))
     call v%name(region%material, key('material', 'name of a &material', required=.true.))
-    call v%name(region%shape, key('shape', 'box, polygon or circle (2-D), or sphere or a file''s '// &
-                                  'triangles (3-D)', choices='box polygon circle sphere stl'))
+    call v%name(region%shape, &
+                key('shape', 'box, polygon or circle (2-D), sphere or triangles of a file (3-D)', &
+                    choices='box polygon circle sphere stl'))
     call v%vector(region%box_min, &
                   key('box_min', 'lower corner before turning', unit='m', required=.true., &
                       only='shape = ''box''', applies=region%shape == 'box', &
@@ -650,8 +651,8 @@ contains
                       only='shape = ''circle'' or ''sphere''', applies=is_round(region), &
                       undecided=region%shape == ''))
     call v%text(region%stl_file, &
-                key('stl_file', 'a closed surface of triangles (STL, text or binary), beside the '// &
-                    'scene unless the path begins with /. Its faces are called by the names of '// &
+                key('stl_file', 'a closed surface of triangles (STL, text or binary); a path '// &
+                    'from the scene''s folder. Its faces are called by the names of '// &
                     'its solids, and face1, face2, ...: the start and --check list them', &
                     longest=1000, required=.true., only='shape = ''stl''', &
                     applies=region%shape == 'stl', undecided=region%shape == ''))

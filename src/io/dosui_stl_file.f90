@@ -39,8 +39,10 @@ contains
     else
       message = 'is a binary STL file of '//to_text(n)//' triangles, which takes '// &
                 to_text(header_length + record_length*n)//' bytes; it has '//to_text(len(text))
-      if (len(text) < header_length + record_length*n) message = message//' and breaks off in '// &
-                   'triangle '//to_text((len(text) - header_length)/record_length + 1)
+      if (len(text) < header_length + record_length*n) then
+        message = message//' and breaks off in triangle '// &
+                  to_text((len(text) - header_length)/record_length + 1)
+      end if
     end if
     if (.not. allocated(corners)) allocate (corners(3, 3, 0), solid(0), line(0))
     if (.not. allocated(names)) allocate (names(0))

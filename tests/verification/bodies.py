@@ -1,4 +1,4 @@
-"""Closed triangulated surfaces for scenes: (n, 3, 3) arrays of corners, counter-clockwise outside."""
+"""Closed triangulated surfaces: (n, 3, 3) arrays of corners, counter-clockwise from outside."""
 
 from __future__ import annotations
 
@@ -76,35 +76,6 @@ def tunnel_block(size: float, depth: float) -> Faces:
 def square(corner: tuple[int, int]) -> np.ndarray:
     """Of side 1, counter-clockwise."""
     return np.array(corner) + np.array([(0, 0), (1, 0), (1, 1), (0, 1)], dtype=float)
-
-
-def icosphere(level: int, radius: float = 1.0, equal_volume: bool = False) -> Faces:
-    """An icosahedron whose triangles are quartered `level` times, about the origin."""
-    golden = (1 + 5**0.5) / 2
-    rows = [
-        (s * a, t * b, 0.0) for s, t in ((1, 1), (1, -1), (-1, 1), (-1, -1)) for a, b in ((1, golden),)
-    ]
-    corners = np.array([np.roll(row, k) for row in rows for k in range(3)])
-    distance = np.linalg.norm(corners[:, None] - corners[None], axis=2)
-    near = np.isclose(distance, 2.0)
-    triangles = []
-    for i in range(12):
-        for j in range(i + 1, 12):
-            for k in range(j + 1, 12):
-                if near[i, j] and near[j, k] and near[i, k]:
-                    t = corners[[i, j, k]]
-                    outward = np.linalg.det(t) > 0
-                    triangles.append(t if outward else t[::-1])
-    x = unit(np.array(triangles))
-    for _ in range(level):
-        a, b, c = x[:, 0], x[:, 1], x[:, 2]
-        ab, bc, ca = unit(a + b), unit(b + c), unit(c + a)
-        x = np.concatenate(
-            [np.stack(t, 1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
-        )
-    if equal_volume:
-        x = x * (4 * np.pi / 3 / volume({"": x})) ** (1 / 3)
-    return {"ball": radius * x}
 
 
 def octant(level: int, radius: float = 1.0) -> Faces:

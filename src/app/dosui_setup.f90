@@ -14,7 +14,7 @@ module dosui_setup
   use dosui_particle_fields, only: field_needs_t, register_particle_fields, &
                                    register_surface_fields
   use dosui_retention, only: retention_t
-  use dosui_scene, only: scene_t
+  use dosui_scene, only: name_length, scene_t
   use dosui_seeding, only: region_spacing, seed_regions
   use dosui_text, only: to_text
   use dosui_topology, only: build_geometry, distribute, join_parts
@@ -351,7 +351,7 @@ contains
     !! Bodies of files and their faces, so that surfaces can name them.
     type(model_t), intent(inout) :: model
     integer, parameter :: most_faces = 60   ! of a body
-    character(len=:), allocatable :: name
+    character(len=name_length + 6) :: solid
     integer :: r, f
 
     do r = 1, size(model%scene%region)
@@ -364,9 +364,10 @@ contains
           call model%log%warning(region%stl_file//' is inside out: all triangles are turned round')
         end if
         do f = 1, min(body%n_face, most_faces)
-          name = trim(region%solid(body%solid(findloc(body%face, f, dim=1))))
-          if (len(name) > 0) name = " of '"//name//"'"
-          call model%log%info('face         '//to_text(f)//name//': '//body%describe_face(f))
+          solid = region%solid(body%solid(findloc(body%face, f, dim=1)))
+          if (solid /= '') solid = " of '"//trim(solid)//"'"
+          call model%log%info('face         '//to_text(f)//trim(solid)//': '// &
+                              body%describe_face(f))
         end do
         if (body%n_face > most_faces) then
           call model%log%info('face         '//to_text(most_faces + 1)//' ... '// &

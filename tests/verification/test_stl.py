@@ -207,6 +207,19 @@ def test_flow_round_a_bend(dosui: Runner, tmp_path: Path) -> None:
     assert difference(again, runs[1], "bend", "pore_pressure") == 0.0
 
 
+def test_sharp_edges_within_a_face(dosui: Runner, tmp_path: Path) -> None:
+    """All walls of the bend as one face: particles near its edges see each of its sides."""
+    faces = bodies.bend(1.0, 2.0, 0.5, 24, 2)
+    walls = np.concatenate([faces.pop(name) for name in ("outer", "inner", "front", "back")])
+    bodies.write_text(tmp_path / "bend.stl", {**faces, "wall": walls})
+    run = dosui(bent_flow("bend.stl", "stl_face_angle = 180.0"))
+    assert "faces 3" in run.stdout
+    x = in_order(run, "bend", "points")
+    head = in_order(run, "bend", "pore_pressure") / 9810.0
+    error = head - np.arctan2(x[:, 2], x[:, 0]) / (0.5 * np.pi)
+    assert np.sqrt((error**2).mean()) <= 1.0e-3  # with one foot a face 1.5e-3
+
+
 @pytest.mark.parametrize("name", ["angle", "tunnel", "torus"])
 def test_rest(dosui: Runner, tmp_path: Path, name: str) -> None:
     """Concave and pierced bodies under water: exact volumes, nothing moves, nothing flows."""

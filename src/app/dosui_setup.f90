@@ -14,7 +14,7 @@ module dosui_setup
   use dosui_particle_fields, only: field_needs_t, register_particle_fields, &
                                    register_surface_fields
   use dosui_retention, only: retention_t
-  use dosui_scene, only: scene_t
+  use dosui_scene, only: name_length, scene_t
   use dosui_seeding, only: region_spacing, seed_regions
   use dosui_text, only: to_text
   use dosui_topology, only: build_geometry, distribute, join_parts
@@ -320,6 +320,7 @@ contains
     smallest = model%comm%minimum(model%particles%count)
     call model%log%info('scene        '//model%scene%file)
     if (len(model%scene%title) > 0) call model%log%info('title        '//model%scene%title)
+    call describe_bodies(model)
     call model%log%info('particles    '//to_text(n)//' ('//to_text(ndim)//'-D), surface points '// &
                         to_text(m))
     call model%log%info('ranks        '//to_text(model%comm%size)//', imbalance '// &
@@ -345,6 +346,36 @@ contains
                              ' not at all')
     end if
   end subroutine describe_model
+
+  subroutine describe_bodies(model)
+    !! Bodies of files and their faces, so that surfaces can name them.
+    type(model_t), intent(inout) :: model
+    integer, parameter :: most_faces = 60   ! of a body
+    character(len=name_length + 6) :: solid
+    integer :: r, f
+
+    do r = 1, size(model%scene%region)
+      if (.not. allocated(model%scene%region(r)%body)) cycle
+      associate (region => model%scene%region(r), body => model%scene%region(r)%body)
+        call model%log%info('body         '//trim(region%name)//': '//region%stl_file//', '// &
+                            to_text(body%n_triangle)//' triangles, '// &
+                            to_text(body%volume, 6)//' m3, faces '//to_text(body%n_face))
+        if (body%was_inside_out) then
+          call model%log%warning(region%stl_file//' is inside out: all triangles are turned round')
+        end if
+        do f = 1, min(body%n_face, most_faces)
+          solid = region%solid(body%solid(findloc(body%face, f, dim=1)))
+          if (solid /= '') solid = " of '"//trim(solid)//"'"
+          call model%log%info('face         '//to_text(f)//trim(solid)//': '// &
+                              body%describe_face(f))
+        end do
+        if (body%n_face > most_faces) then
+          call model%log%info('face         '//to_text(most_faces + 1)//' ... '// &
+                              to_text(body%n_face)//' are not listed')
+        end if
+      end associate
+    end do
+  end subroutine describe_bodies
 
   subroutine describe_walls(model)
     !! Says which conditions are imposed how.

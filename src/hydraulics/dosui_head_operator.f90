@@ -3,9 +3,11 @@
 !! Row i collects its neighbours' heads, the heads of surface points with a head condition, and the
 !! normal derivatives at flux points. Of these the nearest one of each patch stands at the foot of
 !! the particle (its orthogonal projection on the patch), the others where they are: without them
-!! nothing holds the mixed derivative of a particle in a corner. The conductivity k_ij between
-!! particles is the harmonic mean and multiplies the entries of the Laplacian. All entries act on
-!! differences h_j - h_i, so that a constant head gives exactly zero.
+!! nothing holds the mixed derivative of a particle in a corner. A patch that turns by more than 30
+!! degrees within the neighbourhood (thin walls, small fillets) has one foot for each of its
+!! directions. The conductivity k_ij between particles is the harmonic mean and multiplies the
+!! entries of the Laplacian. All entries act on differences h_j - h_i, so that a constant head gives
+!! exactly zero.
 !!
 !! A particle that almost lies on a surface with a head has its neighbours on one side only and
 !! surface points beside it instead of beyond: through its own head the fit falls off convexly, and
@@ -28,6 +30,7 @@ module dosui_head_operator
   integer, parameter, public :: kind_flux = 0    !! surface point with a flux; no-flow is flux 0
   integer, parameter, public :: kind_head = 1    !! surface point with a head
   real(wp), parameter :: foot_reach = 1.1_wp     !! a foot beyond the patch's points by this is none
+  real(wp), parameter :: same_side = 0.86602540378443865_wp   !! least cosine of normals: 30 deg [-]
   integer, parameter :: max_rows = 512           !! neighbours and surface rows of one particle
   real(wp), parameter :: almost_on = 0.4_wp      !! distance of a face with heads, in spacings [-]
   real(wp), parameter :: attraction = 4.0_wp*ndim   !! C, the diagonal of such rows [-]
@@ -211,7 +214,7 @@ contains
   contains
 
     pure logical function nearest_of_patch(candidate) result(nearest)
-      !! Is this the nearest point of its patch (the first one of equals)?
+      !! Is this the nearest point of its patch that faces its way (the first one of equals)?
       integer, intent(in) :: candidate
       real(wp) :: distance, rival
       integer :: other
@@ -220,6 +223,7 @@ contains
       distance = sum((position(:, near(candidate)) - x)**2)
       do other = 1, size(near)
         if (patch(near(other)) /= patch(near(candidate)) .or. other == candidate) cycle
+        if (dot_product(normal(:, near(other)), normal(:, near(candidate))) < same_side) cycle
         rival = sum((position(:, near(other)) - x)**2)
         if (rival < distance*(1.0_wp - 1.0e-9_wp)) nearest = .false.
         if (abs(rival - distance) <= 1.0e-9_wp*distance .and. other < candidate) nearest = .false.

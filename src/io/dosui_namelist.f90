@@ -12,10 +12,10 @@ module dosui_namelist
   implicit none
   private
 
-  public :: read_text_file, text_as_real, decimal_comma
+  public :: read_bytes, read_text_file, text_as_real, decimal_comma
 
   integer, parameter :: most_values = 10000000   !! of one key; more is surely a typing error
-  integer, parameter :: largest_file = 256*1024*1024   !! of a scene [byte]
+  integer, parameter :: largest_file = 256*1024*1024   !! of a scene, or beside it [byte]
   character(len=*), parameter :: huge_digits = '17976931348623157'   !! of huge(1.0_wp)
   character(len=1), parameter :: tab = achar(9), newline = achar(10), return = achar(13)
   character(len=*), parameter :: delimiters = ' ,/!='//"'"//'"&'//achar(9)//achar(10)//achar(13)
@@ -96,6 +96,17 @@ contains
     character(len=*), intent(in) :: path
     character(len=:), allocatable, intent(out) :: text
     type(error_t), intent(inout) :: err
+
+    call read_bytes(path, text, err)
+    if (err%failed()) return
+    if (index(text, achar(0)) > 0) call err%set('cannot read '//path//': not a text file')
+  end subroutine read_text_file
+
+  subroutine read_bytes(path, text, err)
+    !! The whole of any file.
+    character(len=*), intent(in) :: path
+    character(len=:), allocatable, intent(out) :: text
+    type(error_t), intent(inout) :: err
     character(len=256) :: message
     integer :: unit, status, n
     logical :: exists
@@ -113,18 +124,16 @@ contains
     end if
     inquire (unit=unit, size=n)
     if (n < 0 .or. n > largest_file) then
-      call err%set('cannot read '//path//': not a text file of reasonable size')
+      call err%set('cannot read '//path//': not a file of reasonable size')
     else
       allocate (character(len=n) :: text)
       if (n > 0) read (unit, iostat=status, iomsg=message) text
       if (status /= 0 .and. status /= iostat_end) then
         call err%set('cannot read '//path//': '//trim(message))
-      else if (index(text, achar(0)) > 0) then
-        call err%set('cannot read '//path//': not a text file')
       end if
     end if
     close (unit)
-  end subroutine read_text_file
+  end subroutine read_bytes
 
   ! ---------------------------------------------------------------- look-up
 

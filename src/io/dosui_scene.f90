@@ -6,6 +6,7 @@ module dosui_scene
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim, nsig, axis
   use dosui_expression, only: expression_t
+  use dosui_triangles, only: triangles_t
   implicit none
   private
 
@@ -31,7 +32,8 @@ module dosui_scene
     !! A shape filled with particles of one material on a regular lattice.
     character(len=name_length) :: name = ''
     character(len=name_length) :: material = ''
-    character(len=name_length) :: shape = 'box'   !! or 'polygon', 'circle' (2-D), 'sphere' (3-D)
+    character(len=name_length) :: shape = 'box'
+    !! or 'polygon', 'circle' (2-D), 'sphere', 'stl' (3-D)
     real(wp) :: box_min(ndim) = 0.0_wp               !! lower corner before turning [m]
     real(wp) :: box_max(ndim) = 0.0_wp               !! upper corner before turning [m]
     real(wp), allocatable :: vertices(:, :)   !! (ndim, n) polygon corners, counter-clockwise [m]
@@ -39,6 +41,11 @@ module dosui_scene
     real(wp) :: radius = 0.0_wp                      !! of it [m]
     real(wp) :: cut_min(ndim) = -huge(1.0_wp)        !! a circle or sphere keeps what is above [m]
     real(wp) :: cut_max(ndim) = huge(1.0_wp)         !! and below [m]
+    character(len=:), allocatable :: stl_file        !! of a triangulated surface
+    real(wp) :: stl_scale = 1.0_wp                   !! unit of that file [m]
+    real(wp) :: stl_face_angle = 30.0_wp             !! between faces, at least [deg]
+    type(triangles_t), allocatable :: body           !! of the file, turned by shape_angle
+    character(len=name_length), allocatable :: solid(:)   !! names of the file's solids
     real(wp) :: particle_spacing = 0.0_wp
     !! lattice spacing [m]; 0: grid spacing / particles_per_cell
     integer :: particles_per_cell = 2                !! per direction

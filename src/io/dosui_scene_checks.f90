@@ -12,7 +12,7 @@ module dosui_scene_checks
   implicit none
   private
 
-  public :: check_scene
+  public :: check_scene, check_body_faces
 
   real(wp), parameter :: unit_tolerance = 1.0e-3_wp   !! of the length of a unit vector [-]
 
@@ -284,7 +284,7 @@ contains
   end subroutine check_period
 
   subroutine check_regions(checker, scene)
-    !! Boxes, polygons, circles and spheres.
+    !! Boxes, polygons, circles, spheres and bodies of files.
     type(checker_t), intent(inout) :: checker
     type(scene_t), intent(inout) :: scene
     integer :: r
@@ -326,6 +326,8 @@ contains
           else if (region%radius > 0.0_wp) then
             call check_cuts(checker, region, r)
           end if
+        else if (region%shape == 'stl' .and. ndim /= 3) then
+          call checker%complain('region', r, 'shape', 'a triangulated surface needs a scene in 3-D')
         end if
       end associate
     end do
@@ -510,7 +512,7 @@ contains
           call check_free_surface(checker, scene, s)
           cycle
         end if
-        if (scene%region(r)%shape == '') cycle
+        if (scene%region(r)%shape == '' .or. scene%region(r)%shape == 'stl') cycle
         if (scene%region(r)%shape == 'polygon' .and. &
             .not. allocated(scene%region(r)%vertices)) cycle
         call list_faces(scene, r, faces)
@@ -548,6 +550,31 @@ contains
       end do
     end associate
   end subroutine check_free_surface
+
+  subroutine check_body_faces(scene, namelist, problems)
+    !! Faces of bodies that came from files after all other checks.
+    type(scene_t), intent(in) :: scene
+    type(namelist_t), intent(in) :: namelist
+    type(problems_t), intent(inout) :: problems
+    type(checker_t) :: checker
+    character(len=name_length), allocatable :: faces(:)
+    integer :: s, r, k
+
+    checker%namelist = namelist
+    checker%problems = problems
+    do s = 1, size(scene%surface)
+      r = findloc(scene%region%name == scene%surface(s)%region, .true., dim=1)
+      if (r == 0 .or. scene%surface(s)%face == '') cycle
+      if (.not. allocated(scene%region(r)%body)) cycle
+      faces = pack(scene%region(r)%solid, scene%region(r)%solid /= '')
+      faces = [character(len=name_length) :: faces, &
+               ('face'//to_text(k), k=1, scene%region(r)%body%n_face), 'all ', 'free']
+      if (any(faces == scene%surface(s)%face)) cycle
+      call checker%complain('surface', s, 'face', 'the region has the faces '//listed(faces)// &
+                            ' (--check of a scene without this surface tells where)')
+    end do
+    problems = checker%problems
+  end subroutine check_body_faces
 
   subroutine list_faces(scene, r, faces)
     !! Names of the faces of a region.

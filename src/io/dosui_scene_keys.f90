@@ -683,8 +683,9 @@ contains
     call v%name(region%name, key('name', 'what surfaces and initial states call it', &
                                  required=.true.))
     call v%name(region%material, key('material', 'name of a &material', required=.true.))
-    call v%name(region%shape, key('shape', 'box, polygon or circle (2-D), or sphere (3-D)', &
-                                  choices='box polygon circle sphere'))
+    call v%name(region%shape, &
+                key('shape', 'box, polygon or circle (2-D), sphere or triangles of a file (3-D)', &
+                    choices='box polygon circle sphere stl'))
     call v%vector(region%box_min, &
                   key('box_min', 'lower corner before turning', unit='m', required=.true., &
                       only='shape = ''box''', applies=region%shape == 'box', &
@@ -715,6 +716,21 @@ contains
                   key('cut_max', 'only the part below this corner', unit='m', &
                       only='shape = ''circle'' or ''sphere''', applies=is_round(region), &
                       undecided=region%shape == ''))
+    call v%text(region%stl_file, &
+                key('stl_file', 'a closed surface of triangles (STL, text or binary); a path '// &
+                    'from the scene''s folder. Its faces are called by the names of '// &
+                    'its solids, and face1, face2, ...: the start and --check list them', &
+                    longest=1000, required=.true., only='shape = ''stl''', &
+                    applies=region%shape == 'stl', undecided=region%shape == ''))
+    call v%real(region%stl_scale, &
+                key('stl_scale', 'unit of the file, e.g. 1e-3 for mm', unit='m', range='> 0', &
+                    only='shape = ''stl''', applies=region%shape == 'stl', &
+                    undecided=region%shape == ''))
+    call v%real(region%stl_face_angle, &
+                key('stl_face_angle', 'neighbouring triangles whose normals differ by more '// &
+                    'belong to different faces', unit='deg', range='>= 0 and <= 180', &
+                    only='shape = ''stl''', applies=region%shape == 'stl', &
+                    undecided=region%shape == ''))
     call v%text(region%particle_file, &
                 key('particle_file', 'a table (CSV) of particles takes the place of the '// &
                     'lattice: x, (y,) z [m] and, if given, volume [m3; m2 in 2-D, m in 1-D] in '// &

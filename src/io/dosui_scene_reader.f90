@@ -2,19 +2,21 @@
 !! all at once.
 module dosui_scene_reader
   use dosui_kinds, only: wp
-  use dosui_dimension, only: ndim
+  use dosui_dimension, only: ndim, axis
   use dosui_communicator, only: communicator_t
   use dosui_directories, only: absolute_path, directory_problem
   use dosui_error, only: error_t
-  use dosui_namelist, only: namelist_t, namelist_group_t, read_text_file, decimal_comma
+  use dosui_namelist, only: namelist_t, namelist_group_t, read_bytes, read_text_file, &
+                            decimal_comma
   use dosui_point_file, only: parse_points
   use dosui_problems, only: problems_t
   use dosui_scene, only: region_t, scene_t, table_t, name_length
-  use dosui_scene_checks, only: check_scene
+  use dosui_scene_checks, only: check_body_faces, check_scene
   use dosui_scene_echo, only: write_echo
   use dosui_scene_keys, only: key_visitor_t, key_t, group_t, scene_groups, allocate_group, &
                               visit_group, collect_keys, in_range, n_choice, choice_of
-  use dosui_shapes, only: shape_contains, shape_measure
+  use dosui_shapes, only: shape_contains, shape_measure, turned
+  use dosui_stl_file, only: parse_stl
   use dosui_text, only: lower_case, nearest_name, to_text
   implicit none
   private
@@ -77,6 +79,7 @@ contains
     call parse_scene(text, path, scene, problems, stem, directory)
     scene%base_motion%is_given = any(abs(scene%base_motion%acceleration) > 0.0_wp)
     if (allocated(scene%base_motion%file)) call read_motion(comm, path, scene, problems)
+    call read_bodies(comm, path, scene, problems)
     call read_particles(comm, path, scene, problems)
     reason = ''
     if (comm%is_root() .and. allocated(scene%output%directory)) then
@@ -111,6 +114,77 @@ contains
                                               "'"//motion%file//"'", message)
     end associate
   end subroutine read_motion
+
+  subroutine read_bodies(comm, path, scene, problems)
+    !! Triangulated surfaces of regions from their files, in the scene's place. Collective.
+    type(communicator_t), intent(in) :: comm
+    character(len=*), intent(in) :: path      !! of the scene
+    type(scene_t), intent(inout) :: scene
+    type(problems_t), intent(inout) :: problems
+    character(len=:), allocatable :: text, message
+    type(namelist_t) :: namelist
+    type(problems_t) :: known   ! to whoever scanned the scene before
+    type(error_t) :: read_error
+    integer :: r, g, k
+
+    if (ndim < 3 .or. .not. any(scene%region%shape == 'stl')) return
+    call namelist%scan(scene%text, path, known)
+    do r = 1, size(scene%region)
+      associate (region => scene%region(r))
+        if (region%shape /= 'stl' .or. .not. allocated(region%stl_file)) cycle
+        if (comm%is_root()) call read_bytes(beside(path, region%stl_file), text, read_error)
+        call comm%agree(read_error)
+        if (read_error%failed()) then
+          message = read_error%message
+          read_error = error_t()
+        else
+          call comm%broadcast(text)
+          call make_body(text, region, message)
+        end if
+        if (len(message) == 0) cycle
+        if (allocated(region%body)) deallocate (region%body)
+        g = namelist%find('region', r)
+        k = namelist%group(g)%find('stl_file')
+        call problems%add(path, namelist%group(g)%key(k)%line, 'region', 'stl_file', &
+                          namelist%group(g)%key(k)%shown(), message)
+      end associate
+    end do
+    call check_body_faces(scene, namelist, problems)
+  end subroutine read_bodies
+
+  subroutine make_body(text, region, message)
+    !! A region's body from the bytes of its file: scaled, turned and divided into faces.
+    character(len=*), intent(in) :: text
+    type(region_t), intent(inout) :: region
+    character(len=:), allocatable, intent(out) :: message   !! '' if all is well
+    real(wp), allocatable :: corners(:, :, :)
+    integer, allocatable :: solid(:), line(:)
+    integer :: t, k
+
+    call parse_stl(text, corners, solid, line, region%solid, message)
+    if (len(message) > 0) return
+    corners = corners*region%stl_scale
+    if (abs(region%shape_angle) > 0.0_wp) then
+      do t = 1, size(line)
+        do k = 1, 3
+          corners(axis, k, t) = region%pivot + turned(corners(axis, k, t) - region%pivot, &
+                                                      region%shape_angle)
+        end do
+      end do
+    end if
+    allocate (region%body)
+    call region%body%init(corners, solid, line, message)
+    if (len(message) == 0) call region%body%split(region%stl_face_angle)
+  end subroutine make_body
+
+  pure function beside(path, file) result(found)
+    !! A path that is meant from the folder of another file.
+    character(len=*), intent(in) :: path, file
+    character(len=:), allocatable :: found
+
+    found = file
+    if (index(file, '/') /= 1) found = path(:index(path, '/', back=.true.))//file
+  end function beside
 
   subroutine read_particles(comm, path, scene, problems)
     !! The particles of regions that take them from files. Collective.

@@ -134,9 +134,11 @@ contains
     outward = 0.0_wp
     outward(axis) = normal
     along(:, 1) = [-outward(3), 0.0_wp, outward(1)]   ! in the x-z plane
-    if (norm2(along(:, 1)) < 0.5_wp) along(:, 1) = [1.0_wp, 0.0_wp, 0.0_wp]
-    along(:, 2) = [0.0_wp, 1.0_wp, 0.0_wp]
-    if (abs(outward(2)) > 0.5_wp) along(:, 2) = [0.0_wp, 0.0_wp, 1.0_wp]
+    if (norm2(along(:, 1)) < 1.0e-6_wp) along(:, 1) = [1.0_wp, 0.0_wp, 0.0_wp]
+    along(:, 1) = along(:, 1)/norm2(along(:, 1))
+    along(:, 2) = [outward(2)*along(3, 1) - outward(3)*along(2, 1), &   ! square to both
+                   outward(3)*along(1, 1) - outward(1)*along(3, 1), &
+                   outward(1)*along(2, 1) - outward(2)*along(1, 1)]
     side = area**(1.0_wp/real(max(1, ndim - 1), wp))
     moved(:, 1) = place
     rest = number - 1

@@ -4,12 +4,12 @@ module dosui_boundary_points
   use dosui_dimension, only: ndim
   use dosui_barriers, only: barrier_face_t, barrier_faces
   use dosui_communicator, only: communicator_t
-  use dosui_face_pieces, only: face_piece, piece_count
+  use dosui_face_pieces, only: face_piece, piece_count, region_faces
   use dosui_particle_fields, only: surface_handles_t
   use dosui_point_set, only: point_set_t
   use dosui_scene, only: scene_t
   use dosui_seeding, only: region_spacing
-  use dosui_shapes, only: face_t, shape_contains, shape_faces
+  use dosui_shapes, only: face_t, shape_contains
   implicit none
   private
 
@@ -38,7 +38,7 @@ contains
     id = 0_i8
     patch = 0
     do r = 1, size(scene%region)
-      faces = shape_faces(scene%region(r))
+      call region_faces(scene%region(r), region_spacing(scene, scene%region(r)), faces)
       do f = 1, size(faces)
         call seed_face(comm, scene, r, faces(f), patch, id, points, handles, touched)
         patch = patch + 1 + size(scene%surface)
@@ -190,7 +190,8 @@ contains
     do s = 1, size(scene%surface)
       associate (candidate => scene%surface(s))
         if (candidate%region /= scene%region(r)%name) cycle
-        if (candidate%face /= face%name .and. candidate%face /= 'all') cycle
+        if (candidate%face /= face%name .and. candidate%face /= face%solid .and. &
+            candidate%face /= 'all') cycle
         if (any(position < candidate%box_min) .or. any(position > candidate%box_max)) cycle
         surface = s
       end associate

@@ -1,9 +1,9 @@
 !! How much of a grid cell the scene's regions fill, exactly: volume and moments of cut cells.
 module dosui_cell_filling
   use dosui_kinds, only: wp
-  use dosui_dimension, only: ndim
+  use dosui_dimension, only: ndim, axis
   use dosui_scene, only: region_t
-  use dosui_shapes, only: shape_bounds, turned
+  use dosui_shapes, only: shape_bounds, spatial, turned
   implicit none
   private
 
@@ -59,7 +59,9 @@ contains
       high = (high + regions(r)%pivot - corner)/spacing
       if (any(low >= 1.0_wp) .or. any(high <= 0.0_wp)) cycle
       part = filling_t()
-      if (ndim == 1) then
+      if (regions(r)%shape == 'stl') then
+        part = filling_of_body(regions(r), corner, spacing)
+      else if (ndim == 1) then
         from = max(low(1), 0.0_wp)
         to = min(high(1), 1.0_wp)
         part%volume = to - from
@@ -73,6 +75,18 @@ contains
       call filling%add(part, spread(0, 1, ndim))
     end do
   end function cell_filling
+
+  pure function filling_of_body(region, corner, spacing) result(part)
+    !! What a triangulated body fills of a cell.
+    type(region_t), intent(in) :: region
+    real(wp), intent(in) :: corner(ndim), spacing
+    type(filling_t) :: part
+    real(wp) :: moment(3), mixed(3)
+
+    call region%body%moments(spatial(corner), spacing, part%volume, moment, mixed)
+    part%moment = moment(axis)
+    part%mixed = mixed(axis)
+  end function filling_of_body
 
   pure function filling_of_sections(region, corner, spacing, from, to) result(part)
     !! 3-D: x-z sections integrated along y. Boxes are prisms, one section will do; the sections of

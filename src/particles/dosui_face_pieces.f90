@@ -5,17 +5,43 @@
 !! that halves, quarters and eighths consist of whole pieces; others are cut to their inner part.
 module dosui_face_pieces
   use dosui_kinds, only: wp, i8
-  use dosui_dimension, only: ndim
-  use dosui_shapes, only: face_t, turned
+  use dosui_dimension, only: ndim, axis
+  use dosui_scene, only: region_t
+  use dosui_shapes, only: face_t, shape_faces, turned
+  use dosui_text, only: to_text
+  use dosui_triangle_pieces, only: divide_face
   implicit none
   private
 
-  public :: piece_count, face_piece
+  public :: region_faces, piece_count, face_piece
 
   integer, parameter :: samples = 16             !! of a piece that may be cut, per direction
   real(wp), parameter :: pi = acos(-1.0_wp)
 
 contains
+
+  subroutine region_faces(region, spacing, faces)
+    !! All faces of a region; those of a triangulated body with their pieces.
+    type(region_t), intent(in) :: region
+    real(wp), intent(in) :: spacing   !! wanted length of a piece [m]
+    type(face_t), allocatable, intent(out) :: faces(:)
+    real(wp), allocatable :: position(:, :), normal(:, :), area(:)
+    integer :: f
+
+    if (region%shape /= 'stl') then
+      faces = shape_faces(region)
+      return
+    end if
+    allocate (faces(region%body%n_face))
+    do f = 1, size(faces)
+      faces(f)%name = 'face'//to_text(f)
+      faces(f)%solid = region%solid(region%body%solid(findloc(region%body%face, f, dim=1)))
+      call divide_face(region%body, f, spacing, position, normal, area)
+      faces(f)%piece_position = position(axis, :)
+      faces(f)%piece_normal = normal(axis, :)
+      faces(f)%piece_area = area
+    end do
+  end subroutine region_faces
 
   pure integer(i8) function piece_count(face, spacing) result(count)
     !! Number of pieces of a face, those outside its cuts included.
@@ -23,7 +49,9 @@ contains
     real(wp), intent(in) :: spacing   !! wanted length of a piece [m]
     integer :: ring, n_ring
 
-    if (face%name /= 'round') then
+    if (allocated(face%piece_area)) then
+      count = size(face%piece_area, kind=i8)
+    else if (face%name /= 'round') then
       count = product(int(divisions(face, spacing), i8))
     else
       n_ring = rings(face, spacing)
@@ -45,6 +73,12 @@ contains
     real(wp) :: first(2), last(2), share(2), x(ndim), inner(ndim)
     integer :: u, v, n_inside, n_sample(2)
 
+    if (allocated(face%piece_area)) then
+      position = face%piece_position(:, number)
+      normal = face%piece_normal(:, number)
+      area = face%piece_area(number)
+      return
+    end if
     call piece_parameters(face, spacing, number, first, last, area)
     normal = face%normal
     position = face_point(face, 0.5_wp*(first + last))

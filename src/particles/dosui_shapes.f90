@@ -1,20 +1,22 @@
-!! Geometry of regions: inside tests, measures and faces of boxes, polygons, circles and spheres.
+!! Geometry of regions: inside tests, measures and faces of boxes, polygons, circles, spheres and
+!! triangulated bodies.
 module dosui_shapes
   use dosui_kinds, only: wp
-  use dosui_dimension, only: ndim
-  use dosui_scene, only: region_t
+  use dosui_dimension, only: ndim, axis
+  use dosui_scene, only: name_length, region_t
   use dosui_text, only: to_text
   implicit none
   private
 
-  public :: shape_bounds, shape_contains, shape_faces, shape_measure, turned, degrees
+  public :: shape_bounds, shape_contains, shape_faces, shape_measure, spatial, turned, degrees
 
   real(wp), parameter :: degrees = acos(-1.0_wp)/180.0_wp   !! radians per degree
 
   type, public :: face_t
     !! A planar face: corner + sum of fractions of its edges, with the outward unit normal; or the
-    !! round face of a circle or sphere between two planes in each direction.
-    character(len=16) :: name = ''                  !! 'x-' ... 'z+', 'edge1' ... or 'round'
+    !! round face of a circle or sphere between two planes in each direction; or a list of pieces.
+    character(len=name_length) :: name = ''   !! 'x-' ... 'z+', 'edge1' ..., 'round', 'face1' ...
+    character(len=name_length) :: solid = ''        !! of a file that the face belongs to
     real(wp) :: corner(ndim) = 0.0_wp               !! [m]
     real(wp) :: edge(ndim, max(ndim - 1, 1)) = 0.0_wp   !! edges that span it, unused in 1-D [m]
     real(wp) :: normal(ndim) = 0.0_wp               !! outward, of a planar face [-]
@@ -23,6 +25,9 @@ module dosui_shapes
     real(wp) :: low(ndim) = -huge(1.0_wp)           !! cuts of a round face, about centre [m]
     real(wp) :: high(ndim) = huge(1.0_wp)
     real(wp) :: angle = 0.0_wp                      !! of these planes [deg]
+    real(wp), allocatable :: piece_position(:, :)   !! (ndim, n) of triangulated faces [m]
+    real(wp), allocatable :: piece_normal(:, :)     !! (ndim, n) outward [-]
+    real(wp), allocatable :: piece_area(:)          !! (n) [m2]
   end type face_t
 
 contains
@@ -39,6 +44,15 @@ contains
     rotated(ndim) = sin(angle*degrees)*vector(1) + cos(angle*degrees)*vector(ndim)
   end function turned
 
+  pure function spatial(position) result(place)
+    !! x, y and z of a place, 0 where the dimension lacks them [m].
+    real(wp), intent(in) :: position(ndim)
+    real(wp) :: place(3)
+
+    place = 0.0_wp
+    place(axis) = position
+  end function spatial
+
   pure subroutine shape_bounds(region, angle, low, high)
     !! Bounds, relative to the pivot, of the shape as given turned by an angle about the pivot [m].
     !! With the shape's own angle: its place; less the lattice's angle: as its lattice sees it.
@@ -48,6 +62,10 @@ contains
     real(wp) :: corner(ndim), box_low(ndim), box_high(ndim)
     integer :: k, d, n_corner
 
+    if (region%shape == 'stl') then
+      call body_bounds(region, angle, low, high)
+      return
+    end if
     call bounding_box(region, box_low, box_high)
     n_corner = 2**ndim
     if (region%shape == 'polygon') n_corner = size(region%vertices, 2)
@@ -71,6 +89,26 @@ contains
       high = min(high, corner + region%radius)
     end if
   end subroutine shape_bounds
+
+  pure subroutine body_bounds(region, angle, low, high)
+    !! Bounds of a triangulated body, which has its own turn already [m].
+    type(region_t), intent(in) :: region
+    real(wp), intent(in) :: angle   !! [deg]
+    real(wp), intent(out) :: low(ndim), high(ndim)
+    real(wp) :: corner(ndim)
+    integer :: k
+
+    low = region%body%low(axis) - region%pivot
+    high = region%body%high(axis) - region%pivot
+    if (abs(angle - region%shape_angle) <= 0.0_wp) return
+    low = huge(1.0_wp)
+    high = -huge(1.0_wp)
+    do k = 1, region%body%n_vertex
+      corner = turned(region%body%vertex(axis, k) - region%pivot, angle - region%shape_angle)
+      low = min(low, corner)
+      high = max(high, corner)
+    end do
+  end subroutine body_bounds
 
   pure logical function is_round(region)
     !! Circle or sphere?
@@ -99,6 +137,10 @@ contains
     real(wp) :: local(ndim)
     integer :: k
 
+    if (region%shape == 'stl') then
+      inside = region%body%contains(spatial(position), margin)
+      return
+    end if
     local = region%pivot + turned(position - region%pivot, -region%shape_angle)
     if (region%shape == 'polygon') then
       inside = inside_polygon(region%vertices, local)
@@ -166,7 +208,9 @@ contains
     type(region_t), intent(in) :: region
     integer :: k
 
-    if (is_round(region)) then
+    if (region%shape == 'stl') then
+      measure = region%body%volume
+    else if (is_round(region)) then
       measure = round_measure(region)
     else if (region%shape == 'polygon') then
       measure = polygon_measure(region%vertices)
@@ -287,7 +331,8 @@ contains
   end function ascending
 
   pure function shape_faces(region) result(faces)
-    !! All faces of a region, turned with it.
+    !! All faces of a region, turned with it; those of triangulated bodies need a spacing
+    !! (`region_faces` in `dosui_face_pieces`).
     type(region_t), intent(in) :: region
     type(face_t), allocatable :: faces(:), edges(:)
     integer :: k

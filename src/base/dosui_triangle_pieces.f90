@@ -5,6 +5,7 @@
 !! into crumbs, which gather around centres: Lloyd's iterations (1982) with distances that also
 !! count how much normals differ. Areas of all pieces add up to that of the face.
 module dosui_triangle_pieces
+  use dosui_geometry, only: clip_outline
   use dosui_kinds, only: wp, i8
   use dosui_sort, only: sort_permutation
   use dosui_triangles, only: closest_point, triangles_t
@@ -138,31 +139,14 @@ contains
     !! Area, and its moments, of a triangle's part in the unit square.
     real(wp), intent(in) :: corner(2, 3)
     real(wp), intent(inout) :: sums(3)
-    real(wp) :: outline(2, 16), kept(2, 16), here, next, twice
-    integer :: n, m, k, after, side, d
+    real(wp) :: outline(2, 16), twice
+    integer :: n, k, d
 
     n = 3
     outline(:, :3) = corner
-    do side = 0, 3
-      d = side/2 + 1
-      m = 0
-      do k = 1, n
-        after = mod(k, n) + 1
-        here = outline(d, k)
-        next = outline(d, after)
-        if (mod(side, 2) == 1) here = 1.0_wp - here
-        if (mod(side, 2) == 1) next = 1.0_wp - next
-        if (here >= 0.0_wp) then
-          m = m + 1
-          kept(:, m) = outline(:, k)
-        end if
-        if ((here > 0.0_wp .and. next < 0.0_wp) .or. (here < 0.0_wp .and. next > 0.0_wp)) then
-          m = m + 1
-          kept(:, m) = outline(:, k) + here/(here - next)*(outline(:, after) - outline(:, k))
-        end if
-      end do
-      n = m
-      outline(:, :n) = kept(:, :n)
+    do d = 1, 2
+      call clip_outline(d, 0.0_wp, 1.0_wp, n, outline)
+      call clip_outline(d, 1.0_wp, -1.0_wp, n, outline)
     end do
     do k = 2, n - 1
       twice = (outline(1, k) - outline(1, 1))*(outline(2, k + 1) - outline(2, 1)) - &

@@ -1,6 +1,7 @@
 !! Bodies bounded by closed triangulated surfaces: topology, faces, inside tests, distances, and the
 !! integrals over boxes cut out of them.
 module dosui_triangles
+  use dosui_geometry, only: clip_outline, cross
   use dosui_kinds, only: wp, i8
   use dosui_sort, only: sort_permutation
   use dosui_text, only: to_text
@@ -682,14 +683,6 @@ contains
     x = self%vertex(:, self%corner(:, triangle))
   end function triangles_points
 
-  pure function cross(a, b) result(product)
-    !! Vector product.
-    real(wp), intent(in) :: a(3), b(3)
-    real(wp) :: product(3)
-
-    product = [a(2)*b(3) - a(3)*b(2), a(3)*b(1) - a(1)*b(3), a(1)*b(2) - a(2)*b(1)]
-  end function cross
-
   ! ---------------------------------------------------------------- integrals over cells
 
   pure subroutine triangles_moments(self, corner, edge, volume, moment, mixed)
@@ -726,51 +719,23 @@ contains
           n = 3
           outline(:, :3) = x
           do d = 2, 3
-            call clip(d, 0.0_wp, 1.0_wp, n, outline)
-            call clip(d, 1.0_wp, -1.0_wp, n, outline)
+            call clip_outline(d, 0.0_wp, 1.0_wp, n, outline)
+            call clip_outline(d, 1.0_wp, -1.0_wp, n, outline)
           end do
-          call clip(1, 0.0_wp, 1.0_wp, n, outline)
+          call clip_outline(1, 0.0_wp, 1.0_wp, n, outline)
           if (any(outline(1, :n) > 1.0_wp)) then
             n_behind = n
             behind(:, :n) = outline(:, :n)
-            call clip(1, 1.0_wp, 1.0_wp, n_behind, behind)
+            call clip_outline(1, 1.0_wp, 1.0_wp, n_behind, behind)
             behind(1, :n_behind) = 1.0_wp
             call add_flux(n_behind, behind, volume, moment, mixed)
-            call clip(1, 1.0_wp, -1.0_wp, n, outline)
+            call clip_outline(1, 1.0_wp, -1.0_wp, n, outline)
           end if
           call add_flux(n, outline, volume, moment, mixed)
         end do
       end do
     end do
   end subroutine triangles_moments
-
-  pure subroutine clip(direction, plane, inward, n, outline)
-    !! Keeps what lies on one side of a plane or in it.
-    integer, intent(in) :: direction
-    real(wp), intent(in) :: plane, inward   !! 1: above, -1: below is kept
-    integer, intent(inout) :: n
-    real(wp), intent(inout) :: outline(3, most_corners)
-    real(wp) :: kept(3, most_corners), here, next
-    integer :: k, m, after
-
-    m = 0
-    do k = 1, n
-      after = mod(k, n) + 1
-      here = inward*(outline(direction, k) - plane)
-      next = inward*(outline(direction, after) - plane)
-      if (here >= 0.0_wp) then
-        m = m + 1
-        kept(:, m) = outline(:, k)
-      end if
-      if ((here > 0.0_wp .and. next < 0.0_wp) .or. (here < 0.0_wp .and. next > 0.0_wp)) then
-        m = m + 1
-        kept(:, m) = outline(:, k) + here/(here - next)*(outline(:, after) - outline(:, k))
-        kept(direction, m) = plane
-      end if
-    end do
-    n = m
-    outline(:, :n) = kept(:, :n)
-  end subroutine clip
 
   pure subroutine add_flux(n, outline, volume, moment, mixed)
     !! Adds the fluxes through a polygon, by a rule that is exact for cubics.

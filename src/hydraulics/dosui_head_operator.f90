@@ -34,8 +34,9 @@ module dosui_head_operator
   integer, parameter :: max_rows = 512           !! neighbours and surface rows of one particle
   real(wp), parameter :: almost_on = 0.4_wp      !! distance of a face with heads, in spacings [-]
   real(wp), parameter :: attraction = 4.0_wp*ndim   !! C, the diagonal of such rows [-]
-  real(wp), parameter :: most_negative = 0.3_wp  !! sum of negative over that of positive entries
+  real(wp), parameter :: most_negative = 0.4_wp  !! sum of negative over that of positive entries
   real(wp), parameter :: hardly_negative = 0.05_wp   !! where a row has to be made anew, likewise
+  real(wp), parameter :: equal_entries = 0.999_wp    !! of the most negative one [-]
 
   type, public :: head_operator_t
     integer :: n_row = 0
@@ -312,16 +313,18 @@ contains
   end function negative_share
 
   pure subroutine drop_negative_entries(stencil, laplacian, regular)
-    !! Kernel: leaves out one row after the other until hardly a negative entry is left.
+    !! Kernel: leaves out one row after the other until hardly a negative entry is left. Equal ones
+    !! go together, so that round-off does not choose.
     type(stencil_t), intent(in) :: stencil
     real(wp), intent(inout) :: laplacian(:)
     logical, intent(out) :: regular                !! such a row exists
-    real(wp) :: weight(stencil%n)
+    real(wp) :: weight(stencil%n), entry(stencil%n)
     integer :: number
 
     weight = stencil%weight(:stencil%n)
     do number = 1, stencil%n
-      weight(minloc(stencil%constant(:stencil%n)*laplacian(:stencil%n), dim=1)) = 0.0_wp
+      entry = stencil%constant(:stencil%n)*laplacian(:stencil%n)
+      where (entry <= equal_entries*minval(entry)) weight = 0.0_wp
       call quadratic_row(stencil, weight, laplacian, regular)
       if (.not. regular) return
       if (.not. negative_share(stencil, laplacian) > hardly_negative) return

@@ -928,6 +928,11 @@ contains
     if (any(scene%material%rigid)) then
       call checker%complain('scene', 1, 'deformation', 'finite needs a skeleton that moves')
     end if
+    do k = 1, size(scene%material)
+      if (scene%material(k)%model /= 'dafalias_manzari') cycle
+      call checker%complain('material', k, 'model', 'dafalias_manzari works with deformation = '// &
+                            '''small_strain'' or ''updated'' only: its tensors do not follow F')
+    end do
     do k = 1, size(scene%mechanical_condition)
       if (scene%mechanical_condition(k)%imposition == 'penalty') then
         call checker%complain('mechanical_condition', k, 'imposition', &

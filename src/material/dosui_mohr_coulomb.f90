@@ -29,6 +29,7 @@ module dosui_mohr_coulomb
                         6, 15, 16, 23, 24, 25, 26, 34, 35, 36, 46, 56, 125, 126, &
                         135, 136, 146, 156, 234, 235, 236, 245, 246, 256, 345, 346, 356]
   real(wp), parameter :: slack = 1.0e-10_wp   ! of planes, over the stress [-]
+  real(wp), parameter :: round_off = 1.0e-13_wp   ! of stresses, over the bulk modulus [-]
   real(wp), parameter :: regular = 1.0e-12_wp   ! pivots and determinants beyond, over the entries
   real(wp), parameter :: unlimited = 0.5_wp*huge(1.0_wp)   ! strengths beyond are none [Pa]
   integer, parameter :: plastic_strain = 1      ! state variable: plastic shear strain [-]
@@ -114,7 +115,7 @@ contains
       stress(:, p) = stress_from_principal(value, vector)
       state(plastic_strain, p) = state(plastic_strain, p) + maxval(strain) - minval(strain)
       if (self%can_open) then
-        if (is_apart(trial, value, planes)) state(opened, p) = max(0.0_wp, sum(strain))
+        if (is_apart(trial, value, planes, bulk)) state(opened, p) = max(0.0_wp, sum(strain))
       end if
       if (present(tangent)) then
         tangent(:, :, p) = tangent_from_principal(trial, vector, value, &
@@ -264,13 +265,14 @@ contains
     end do
   end subroutine try_planes
 
-  pure logical function is_apart(trial, value, planes)
+  pure logical function is_apart(trial, value, planes, bulk)
     !! Does the soil carry nothing at all, since its cut-off lies at zero?
     real(wp), intent(in) :: trial(3), value(3)   !! [Pa]
     type(planes_t), intent(in) :: planes
+    real(wp), intent(in) :: bulk                 !! modulus [Pa]
 
     is_apart = planes%strength(4) <= 0.0_wp .and. &
-               maxval(abs(value)) <= slack*(maxval(abs(trial)) + planes%largest)
+               maxval(abs(value)) <= slack*(maxval(abs(trial)) + planes%largest) + round_off*bulk
   end function is_apart
 
   pure function derivative_of(planes, active, inverse) result(derivative)

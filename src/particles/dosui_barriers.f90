@@ -6,6 +6,7 @@
 module dosui_barriers
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim
+  use dosui_geometry, only: cross
   use dosui_scene, only: barrier_t
   implicit none
   private
@@ -95,14 +96,6 @@ contains
       face%piece(d) = (high(d) - face%low(d))/real(face%n_piece(d), wp)
     end do
   end function face_of
-
-  pure function cross(a, b) result(c)
-    !! Vector product.
-    real(wp), intent(in) :: a(3), b(3)
-    real(wp) :: c(3)
-
-    c = [a(2)*b(3) - a(3)*b(2), a(3)*b(1) - a(1)*b(3), a(1)*b(2) - a(2)*b(1)]
-  end function cross
 
   pure integer function face_side(self, position) result(side)
     !! 1 or -1: on which side of the face's plane a position lies.

@@ -1,5 +1,6 @@
 !! How much of a grid cell the scene's regions fill, exactly: volume and moments of cut cells.
 module dosui_cell_filling
+  use dosui_geometry, only: clip_outline
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim, axis
   use dosui_scene, only: region_t
@@ -278,24 +279,12 @@ contains
     real(wp), intent(in) :: plane
     real(wp), intent(in) :: inward         !! 1: above, -1: below is kept
     real(wp), allocatable, intent(inout) :: outline(:, :)
-    real(wp) :: kept(2, 2*size(outline, 2)), here, next
-    integer :: k, n, m, after
+    real(wp) :: room(2, 2*size(outline, 2))
+    integer :: n
 
     n = size(outline, 2)
-    m = 0
-    do k = 1, n
-      after = mod(k, n) + 1
-      here = inward*(outline(direction, k) - plane)
-      next = inward*(outline(direction, after) - plane)
-      if (here >= 0.0_wp) then
-        m = m + 1
-        kept(:, m) = outline(:, k)
-      end if
-      if ((here > 0.0_wp .and. next < 0.0_wp) .or. (here < 0.0_wp .and. next > 0.0_wp)) then
-        m = m + 1
-        kept(:, m) = outline(:, k) + here/(here - next)*(outline(:, after) - outline(:, k))
-      end if
-    end do
-    outline = kept(:, 1:m)
+    room(:, 1:n) = outline
+    call clip_outline(direction, plane, inward, n, room)
+    outline = room(:, 1:n)
   end subroutine cut
 end module dosui_cell_filling

@@ -26,23 +26,12 @@ LONG = {  # seconds of each; in the record only
     ("water-1e12", "explicit"),
     ("drawdown", "explicit"),
 }
-KNOWN = {  # failures that the record shows
-    ("drawdown", "quasi-static"): "the operator does not conserve: the balance misses 1.3 %",
-}
-
-
-def marks(case: str, method: str) -> list[pytest.MarkDecorator]:
-    """A known failure must fail: when it holds, the list is to be changed."""
-    reason = KNOWN.get((case, method))
-    return [pytest.mark.xfail(strict=True, reason=reason)] if reason else []
-
 
 PAIRS = [
     pytest.param(
         case,
         method,
         id=f"{case.name}-{method.name}",
-        marks=marks(case.name, method.name),
     )
     for case in CASES
     for method in METHODS[:3]

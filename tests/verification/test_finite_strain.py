@@ -828,6 +828,11 @@ def test_ranks_and_restart_of_clay(dosui: Runner) -> None:
     [
         ("'auto'", "'explicit'", "finite works with integrator = 'quasi_static' only"),
         ("kind = 'roller'", "kind = 'roller' imposition = 'penalty'", "penalty does not work"),
+        (
+            "young_modulus",
+            "model = 'dafalias_manzari' young_modulus",
+            "'small_strain' or 'updated' only",
+        ),
     ],
 )
 def test_what_finite_strains_cannot_do(dosui: Runner, old: str, new: str, expected: str) -> None:

@@ -52,6 +52,8 @@ class Case:
     """more groups"""
     drain: str = "kind = 'head' value = 0.0"
     """keys of the &hydraulic_condition of the top"""
+    steps: int = 0
+    """of a run; 0: as many as can be measured well"""
 
     @property
     def label(self) -> str:
@@ -137,7 +139,7 @@ def run(case: Case, particles: int, steps: int, ranks: int) -> tuple[str, float,
 
 def measure(case: Case, particles: int, ranks: int, repeat: int, stream: float) -> Measurement:
     """The fastest of some runs."""
-    steps = max(
+    steps = case.steps or max(
         120 if case.updated else 40, min(400, round((1e7 if case.water else 2e7) / particles))
     )
     _, base, _ = run(case, 500, 10, ranks)

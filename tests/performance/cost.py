@@ -92,7 +92,14 @@ OPTIONS = [
     Option("Drucker-Prager", "elastic", replace(DRY, groups=STRESSED), None,
            replace(DRY, soil="model = 'drucker_prager' friction_angle = 30.0", groups=STRESSED)),
     Option("sand (Dafalias & Manzari)", "elastic", replace(DRY, groups=PRESSED), None,
-           replace(DRY, soil="model = 'dafalias_manzari'", modulus="", groups=PRESSED)),
+           replace(DRY, soil="model = 'dafalias_manzari'", modulus="", groups=PRESSED, steps=10)),
+    Option("rigid wall with friction", "large deformation", MOVING, None,
+           replace(MOVING, groups="&rigid_wall name = 'floor' position = 2*0.0\n"
+                   "  normal = 0.0, 1.0 friction = 0.5 /\n")),
+    Option("free surface found anew", "water, large deformation", Case(2, True, True), None,
+           replace(Case(2, True, True),
+                   groups="&surface name = 'air' region = 'block' face = 'free' /\n"
+                   "&hydraulic_condition surface = 'air' kind = 'pressure' value = 0.0 /\n")),
     Option("shaking", "at rest", DRY,
            replace(DRY, groups="&base_motion /\n"), replace(DRY, groups=SHAKEN.format(1.0))),
     Option("absorbing surface", "free surface", DRY, None,

@@ -158,6 +158,23 @@ def test_saturated_block_leaves(dosui: Runner) -> None:
         assert np.abs(one[name] - two[name]).max() <= 1e-11 * np.abs(one[name]).max()
 
 
+@pytest.mark.parametrize("integrator", ["explicit", "semi_implicit"])
+@pytest.mark.parametrize("wall", ["friction = 0.2", "kind = 'rough'"])
+def test_impulses_of_walls(dosui: Runner, integrator: str, wall: str) -> None:
+    """Gravity and walls give all the momentum that a saturated block has."""
+    run = dosui(wet(integrator, wall, end=0.1))
+    assert run.status == 0, run.stderr
+    time, mass = run.history("block", "time"), run.history("block", "mass")[0]
+    for axis, slope in (("x", math.sin(ANGLE)), ("z", -math.cos(ANGLE))):
+        momentum, walls, lost = (
+            run.history("block", f"{kind}_{axis}")
+            for kind in ("momentum", "impulse_walls", "impulse_lost")
+        )
+        weight = mass * GRAVITY * time
+        assert np.abs(momentum - weight * slope - walls - lost).max() <= 1e-12 * weight[-1]
+        assert abs(walls[-1]) > 0.1 * weight[-1]
+
+
 def test_refusals(dosui: Runner) -> None:
     """Implicit steps and walls without a direction are refused with the line of the group."""
     text = block("friction = 0.2").replace("dimension = 2", "dimension = 2 integrator = 'auto'")

@@ -137,15 +137,15 @@ contains
   end subroutine ask_for_huge_pages
 
   subroutine ask_for_quick_start()
-    !! Open MPI without what this machine cannot use: drivers of fast networks where it has no such
-    !! card (one of them measures the processor's clock for 0.2 s), and the daemon that a single
-    !! process starts for processes to be spawned later. Other MPI libraries ignore this.
+    !! Open MPI without the drivers of fast networks where the machine has no such card: one of them
+    !! measures the processor's clock for 0.2 s. Other MPI libraries ignore this. (The daemon of a
+    !! single process costs another 0.1 s, but gives it a session folder of its own: without it,
+    !! concurrent runs remove each other's.)
     character(len=*), parameter :: cards(2) = [character(len=21) :: '/sys/class/infiniband', &
                                                                                    '/sys/class/cxi']
     logical :: has_card
     integer :: k
 
-    call suggest('OMPI_MCA_ess_singleton_isolated', '1')
     do k = 1, size(cards)
       inquire (file=trim(cards(k))//'/.', exist=has_card)
       if (has_card) return

@@ -390,7 +390,8 @@ contains
     if (err%failed()) return
     model%particles%field(model%p%displacement)%values = 0.0_wp
     do p = 1, model%surface%count
-      if (model%scene%is_wall(nint(model%surface%field(model%s%surface)%values(1, p)))) cycle
+      if (.not. model%finite .and. &
+          model%scene%is_wall(nint(model%surface%field(model%s%surface)%values(1, p)))) cycle
       model%surface%field(model%s%displacement)%values(:, p) = 0.0_wp
     end do
     call model%log%info('geostatic equilibrium after '//to_text(n_iteration)//' iterations')

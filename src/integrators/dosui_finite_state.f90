@@ -284,6 +284,12 @@ contains
         increment(:, p) = increment(:, p)/ratio(p)   ! the model sees tau/J
         sigma(:, p) = sigma(:, p)*(old_ratio/ratio(p))
       end associate
+      associate (soil => model%materials%item(model%material(p))%model)
+        if (allocated(soil%state_strains)) then
+          model%particles%field(model%p%state)%values(soil%state_strains, p) = &
+            self%state(soil%state_strains, p)/ratio(p)
+        end if
+      end associate
     end subroutine take_trial
 
     subroutine update_with(state)
@@ -300,20 +306,27 @@ contains
       !! axes that turn with the body, and what follows from the volume. With the tangent T of a
       !! model in tau/J: dtau = T de + (tau - T e) dJ/J.
       integer, intent(in) :: p
-      real(wp) :: of_volume(nsig)
+      real(wp) :: of_volume(nsig), elastic(nsig)
 
       associate (field => model%particles%field, h => model%p, tangent => model%tangent(:, :, p))
         of_volume = ratio(p)*field(h%effective_stress)%values(:, p)
         if (is_in_cauchy(p)) then
           tangent = ratio(p)*tangent
         else
-          of_volume = of_volume - matmul(tangent(:, 1:3), trial(1:3, p)) - &
-                      2.0_wp*matmul(tangent(:, 4:), trial(4:, p))
+          elastic = trial(:, p)   ! with gaps that have to close
           if (h%state > 0) then
-            associate (state => field(h%state)%values(:, p), first => self%state(:, p))
+            associate (state => field(h%state)%values(:, p), first => self%state(:, p), &
+                       soil => model%materials%item(model%material(p))%model)
               state = first + ratio(p)*(state - first)
+              if (allocated(soil%state_strains)) then   ! ratio times what the model left
+                state(soil%state_strains) = state(soil%state_strains) + &
+                                            (ratio(p) - 1.0_wp)*first(soil%state_strains)
+                elastic(1:3) = elastic(1:3) + sum(first(soil%state_strains))/3.0_wp
+              end if
             end associate
           end if
+          of_volume = of_volume - matmul(tangent(:, 1:3), elastic(1:3)) - &
+                      2.0_wp*matmul(tangent(:, 4:), elastic(4:))
         end if
         tangent(:, 1:3) = tangent(:, 1:3) + spread(of_volume, 2, 3)
         tangent = matmul(tangent, rate_of_logarithm(value(:, p), axes(:, :, p)))

@@ -1020,7 +1020,8 @@ contains
   end subroutine add_hourglass_forces
 
   pure logical function is_tied(model, p)
-    !! Does a particle alone stand for a small part of a cell, whose corners hang on the host's?
+    !! Do too few particles stand for a small part of a cell, whose corners then hang on the
+    !! host's?
     type(model_t), intent(in) :: model
     integer, intent(in) :: p
 

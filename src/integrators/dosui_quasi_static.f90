@@ -133,7 +133,7 @@ contains
     class(quasi_static_t), intent(inout) :: self
     type(model_t), intent(inout) :: model
     type(error_t), intent(inout) :: err
-    real(wp), allocatable :: motion(:, :), pressure(:), supply(:), held(:, :)
+    real(wp), allocatable :: motion(:, :), pressure(:), supply(:), held(:, :), before(:)
     type(error_t) :: failure
     integer :: k
 
@@ -151,7 +151,9 @@ contains
       if (err%failed()) return
       call zero_velocities(model)
       if (model%coupled) then
+        before = model%particles%field(model%p%pore_pressure)%values(1, 1:size(pressure))
         call add_pressure(model, pressure)
+        if (model%finite) call wet_masses(model, before, before + pressure)
         model%pressure_scale = max(model%pressure_scale, root_mean_square(model, pressure))
       end if
       return

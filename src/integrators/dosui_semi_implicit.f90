@@ -64,10 +64,10 @@ contains
     integer :: k, n
 
     n = model%particles%count
-    call gather_forces(model)
     start = model%balance
     do k = 1, attempts
       failure = error_t()
+      call gather_forces(model)   ! damping has changed those of an attempt that failed
       model%balance = start   ! impulses of walls in an attempt that failed do not count
       if (allocated(by_walls)) deallocate (by_walls)
       if (allocated(model%scene%rigid_wall)) then
@@ -160,6 +160,10 @@ contains
       if (model%grid%node_map%is_owned(i)) then
         where (self%by_walls(:, i)) model%balance%wall_impulse = &
           model%balance%wall_impulse - model%clock%dt*push(:, i)
+        if (.not. model%nodal(1, i) > light_node_mass(model)) then
+          where (.not. self%by_walls(:, i)) model%balance%lost_impulse = &
+            model%balance%lost_impulse - model%clock%dt*push(:, i)
+        end if
       end if
       push(:, i) = push(:, i)*model%clock%dt/ &
                    max(model%nodal(1, i), model%inertia(i), light_node_mass(model))
@@ -180,7 +184,7 @@ contains
     call model%timers%start(model%phase%assembly)
     if (.not. self%is_built .or. self%rebuilds /= model%rebuilds) then
       call self%system%build(model, .true., err, self%by_walls)
-      self%is_built = .true.
+      self%is_built = .not. err%failed()
       self%rebuilds = model%rebuilds
     end if
     if (.not. err%failed()) call self%system%set_step(model%clock%dt, err)

@@ -130,7 +130,7 @@ contains
       associate (x => model%surface%field(place)%values, &
                  normal => model%surface%field(model%s%normal)%values)
         call build_neighbours(facets%n, facets%place(:, 1:facets%n), k, x(:, 1:k), &
-                              0.5_wp*radius, start, near_point, skip_self=.false.)
+                              kept/(2.0_wp*sight)*radius, start, near_point, skip_self=.false.)
         do f = 1, facets%n
           do k = start(f), start(f + 1) - 1
             p = near_point(k)
@@ -180,7 +180,7 @@ contains
     ! one foot of a particle on each patch: sides of a sheet and of an edge are different ones
     sector = maxloc(abs(facets%normal(:, f) + askew(1:ndim)), dim=1)
     if (facets%normal(sector, f) < -askew(sector)) sector = sector + ndim
-    sector = sector + 2*ndim*(facets%wall(f) + max(1, size_of_walls(model))*region)
+    sector = sector + 2*ndim*(facets%wall(f) + (size_of_walls(model) + 1)*region)
     call add_point(model%scene, region, &
                    ids_of_step*int(model%clock%step + 1, i8) + 16_i8*model%particles%id(i) + &
                    int(f - first_of(facets, f), i8), facets%place(:, f), facets%normal(:, f), &

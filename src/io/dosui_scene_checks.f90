@@ -516,6 +516,7 @@ contains
         if (scene%region(r)%shape == 'polygon' .and. &
             .not. allocated(scene%region(r)%vertices)) cycle
         call list_faces(scene, r, faces)
+        faces = [character(len=name_length) :: faces, 'free']
         if (any(faces == surface%face)) cycle
         nearest = nearest_name(trim(surface%face), faces)
         if (len(nearest) > 0) nearest = "'"//nearest//"'"

@@ -172,7 +172,8 @@ contains
                          'pile say: particles do not see each other through it. It has no '// &
                          'stiffness.', .false., .true.)
     groups(14) = group_t('rigid_wall', 'A rigid half-space outside all bodies: they may meet '// &
-                         'it, slide on it and leave it. Not quasi_static.', .false., .true.)
+                         'it, slide on it and leave it. Explicit and semi-implicit steps, the '// &
+                         'latter with walls along axes only.', .false., .true.)
     groups(15) = group_t('source', 'Body forces and water sources as formulas of x, y, z and t '// &
                          '(those of the dimension), with + - * / ^, pi, sin cos tan atan exp '// &
                          'log sqrt abs sinh cosh tanh step min max.', .false., .false.)
@@ -252,9 +253,9 @@ contains
     case ('barrier')
       if (allocated(scene%barrier)) deallocate (scene%barrier)
       allocate (scene%barrier(n))
-    case ('rigid_wall')
+    case ('rigid_wall')   ! none: not allocated, so that nobody pays for walls
       if (allocated(scene%rigid_wall)) deallocate (scene%rigid_wall)
-      allocate (scene%rigid_wall(n))
+      if (n > 0) allocate (scene%rigid_wall(n))
     case ('probe')
       if (allocated(scene%probe)) deallocate (scene%probe)
       allocate (scene%probe(n))
@@ -732,10 +733,11 @@ contains
                     only='shape = ''stl''', applies=region%shape == 'stl', &
                     undecided=region%shape == ''))
     call v%text(region%particle_file, &
-                key('particle_file', 'a table (CSV) of particles takes the place of the '// &
-                    'lattice: x, (y,) z [m] and, if given, volume [m3; m2 in 2-D, m in 1-D] in '// &
-                    'each line; a first line with names picks these columns; # begins a '// &
-                    'comment. The shape still tells the faces', longest=1000))
+                key('particle_file', 'a table (CSV) of particles, a path from the scene''s '// &
+                    'folder, takes the place of the lattice: x, (y,) z [m] and, if given, '// &
+                    'volume [m3; m2 in 2-D, m in 1-D] in each line; a first line with names '// &
+                    'picks these columns; # begins a comment. The shape still tells the faces', &
+                    longest=1000))
     call v%real(region%particle_spacing, &
                 key('particle_spacing', 'of the lattice; 0: grid spacing / particles_per_cell, '// &
                     'or the mean one of particle_file', unit='m', range='>= 0'))
@@ -926,8 +928,9 @@ contains
                       fallback='none'))
     call visit_table(v, motion%pattern%factor, '', .true.)
     call v%text(motion%file, &
-                key('file', 'a file with a time [s] and a factor in each line takes the place '// &
-                    'of factor_times and factor_values; # begins a comment', longest=1000))
+                key('file', 'a file with a time [s] and a factor in each line, a path from '// &
+                    'the scene''s folder, takes the place of factor_times and '// &
+                    'factor_values; # begins a comment', longest=1000))
     call visit_formula(v, motion%pattern%formula, '', .true.)
   end subroutine visit_base_motion
 

@@ -102,7 +102,8 @@ contains
 
     associate (motion => scene%base_motion)
       message = ''
-      if (comm%is_root()) call read_text_file(motion%file, text, read_error)
+      if (comm%is_root()) call read_text_file(beside(path, motion%file), text, &
+                                              read_error)
       call comm%agree(read_error)
       if (read_error%failed()) then
         message = read_error%message
@@ -162,6 +163,13 @@ contains
     integer :: t, k
 
     call parse_stl(text, corners, solid, line, region%solid, message)
+    do k = 1, size(region%solid)
+      if (len(message) > 0) exit
+      if (region%solid(k) == 'all' .or. region%solid(k) == 'free' .or. &
+          index(region%solid(k), 'face') == 1) then
+        message = "its solid '"//trim(region%solid(k))//"' has the name of a face: rename it"
+      end if
+    end do
     if (len(message) > 0) return
     corners = corners*region%stl_scale
     if (abs(region%shape_angle) > 0.0_wp) then
@@ -200,7 +208,8 @@ contains
     do r = 1, size(scene%region)
       associate (region => scene%region(r))
         if (.not. allocated(region%particle_file)) cycle
-        if (comm%is_root()) call read_text_file(region%particle_file, text, read_error)
+        if (comm%is_root()) call read_text_file(beside(path, region%particle_file), text, &
+                                                read_error)
         call comm%agree(read_error)
         if (read_error%failed()) then
           message = read_error%message
@@ -255,6 +264,9 @@ contains
       if (length < 0) length = len(text) - first + 1
       line = text(first:first + length - 1)
       first = first + length + 1
+      if (len(line) > 0) then   ! of Windows
+        if (line(len(line):) == achar(13)) line = line(:len(line) - 1)
+      end if
       hash = index(line, '#')
       if (hash > 0) line = line(:hash - 1)
       if (len_trim(line) == 0) cycle
@@ -272,7 +284,8 @@ contains
   end subroutine parse_table
 
   subroutine parse_scene(text, file, scene, problems, stem, directory)
-    !! A scene from its text; all lists of the scene are allocated in any case.
+    !! A scene from its text; all lists of the scene but that of rigid walls are allocated in any
+    !! case.
     character(len=*), intent(in) :: text
     character(len=*), intent(in) :: file        !! for messages
     type(scene_t), intent(out) :: scene

@@ -131,7 +131,7 @@ contains
     logical :: in_solid
     real(wp) :: place(3)
 
-    most = occurrences(text, 'endfacet') + occurrences(text, 'ENDFACET') + 1
+    most = occurrences(lower_case(text), 'endfacet') + 1
     allocate (corners(3, 3, most), solid(most), line(most), names(0))
     n = 0
     n_corner = -1   ! outside a facet
@@ -166,7 +166,8 @@ contains
         solid(n) = size(names)
         line(n) = number
       case ('vertex')
-        read (rest, *, iostat=status) place
+        status = scan(rest, ',;/*')   ! which a list-directed read would take
+        if (status == 0) read (rest, *, iostat=status) place
         if (status == 0) then
           if (.not. all(ieee_is_finite(place))) status = 1
         end if

@@ -53,6 +53,7 @@ contains
     if (self%eta > 0.0_wp) self%largest_mean = min(tensile_strength, self%strength/self%eta)
     self%can_open = .not. self%largest_mean > 0.0_wp
     if (self%can_open) then
+      self%state_strains = [opened]
       self%state_names = [character(len=32) :: 'plastic_shear_strain', 'opened_volume']
       self%state_units = [character(len=8) :: '-', '-']
     else

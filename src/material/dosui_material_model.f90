@@ -14,6 +14,8 @@ module dosui_material_model
     integer, allocatable :: state_tensors(:)
     !! first indices of symmetric tensors among the state variables, nsig components each in the
     !! order of stresses: they turn with the material
+    integer, allocatable :: state_strains(:)
+    !! state variables that are volume strains which the next elastic trial starts from
     logical :: is_nonlinear = .false.   !! stresses are no linear function of strains
     logical :: is_in_cauchy = .false.
     !! finite strains: all laws are in Cauchy stresses. Else elasticity is constant and relates

@@ -74,6 +74,7 @@ contains
     if (self%softening_strain > 0.0_wp .and. self%residual_friction > 0.0_wp .and. &
         .not. self%residual_cohesion > 0.0_wp) self%can_open = .true.
     if (self%can_open) then
+      self%state_strains = [opened]
       self%state_names = [character(len=32) :: 'plastic_shear_strain', 'opened_volume']
       self%state_units = [character(len=8) :: '-', '-']
     else

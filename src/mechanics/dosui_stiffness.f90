@@ -85,7 +85,7 @@ contains
     call patch_weights(grid%shape_kind, grid%half_domain, grid%origin, grid%spacing, m, patch, &
                        position, grid%n_patch, grid%patch_base, grid%patch_fold, n_groups, w, &
                        gradient)
-    call collect_nodes(grid, cell, patch, present(centre), operators)
+    call collect_nodes(grid, cell, patch, present(centre) .or. present(inverse), operators)
     if (allocated(operators%strain)) deallocate (operators%strain, operators%volume)
     allocate (own(nsig, ndim*operators%n_node, m), source=0.0_wp)
     allocate (operators%volume(ndim*operators%n_node, m), source=0.0_wp)

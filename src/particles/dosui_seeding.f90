@@ -18,6 +18,7 @@ module dosui_seeding
 
   real(wp), parameter :: closest_to_face = 0.1_wp   !! for jittered particles, in spacings [-]
   real(wp), parameter :: round_off = 1.0e-9_wp      !! of a spacing [-]
+  real(wp), parameter :: most_sites = 5.0e8_wp      !! of a lattice, on each rank
 
   type :: lattice_t
     !! A regular lattice of n(1) x n(2) x n(3) points around a pivot.
@@ -107,6 +108,11 @@ contains
       lattice = region_lattice(scene%region(r), spacing)
       if (allocated(scene%region(r)%particle)) then
         call share_particles(comm, scene%region(r), position, id)
+      else if (any(lattice%n < 0) .or. .not. product(real(lattice%n, wp)) < &
+               most_sites*real(comm%size, wp)) then   ! or more than integers hold
+        problems = problems//"&region '"//trim(scene%region(r)%name)//"' is too large for its "// &
+                   'particle spacing: check its size, unit and the spacing'//new_line('a')
+        cycle
       else
         call seed_lattice(comm, scene%region(r), lattice, spacing, position, id)
       end if

@@ -46,8 +46,9 @@ class Case:
     water: bool
     updated: bool
     soil: str = ""
-    modulus: str = "young_modulus = 1.0e7"
     """more keys of &material"""
+    modulus: str = "young_modulus = 1.0e7"
+    """of the soil"""
     groups: str = ""
     """more groups"""
     drain: str = "kind = 'head' value = 0.0"

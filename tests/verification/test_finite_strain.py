@@ -463,6 +463,26 @@ def test_the_cut_off_limits_cauchy_stresses(dosui: Runner) -> None:
     assert np.allclose(stress[:, 0], strength * POISSON / (1 - POISSON), rtol=1e-11)
 
 
+@pytest.mark.parametrize("model", ["mohr_coulomb", "drucker_prager"])
+def test_a_gap_closes_before_it_carries(dosui: Runner, model: str) -> None:
+    """Pulled apart by 5 %, then pressed: the gap is a logarithmic strain, closes where it opened,
+    and elasticity goes on from there (but for the shear of the step that closes it)."""
+    soil = f"model = '{model}' young_modulus = 1.0e7 poisson_ratio = 0.3 friction_angle = 30.0"
+    text = block(1, soil + " tensile_strength = 0.0", 1.2, 100)  # displacement 0.2 (t - t^2)
+    text = text.replace("value = ", "factor_times = 0.0, 2.0 factor_values = 1.0, -3.0 value = ")
+    text = text.replace("spacing = 0.5", "spacing = 1.0")  # nothing else would be unique
+    end = 0.5 + 0.5**0.5
+    text = text.replace("end_time = 1.0", f"end_time = {end!r} output_times = 0.5")
+    run = dosui(text)
+    assert run.status == 0, run.stderr
+    apart, pressed = run.fields("block", 1), run.fields("block", 2)
+    assert np.allclose(apart["opened_volume"], np.log(1.05), rtol=1e-9)
+    assert np.abs(apart["effective_stress"]).max() <= 1e-3
+    assert np.abs(pressed["opened_volume"]).max() <= 1e-12
+    stress = 1.0e7 * 0.7 / (1.3 * 0.4) * np.log(0.95) / 0.95
+    assert np.allclose(pressed["effective_stress"][:, 2], stress, rtol=5e-3)
+
+
 def test_softening_follows_the_plastic_strain(dosui: Runner) -> None:
     """The cohesion of the present plastic strain, which steps take from their start."""
     keys = "softening_strain = 0.4 residual_cohesion = 1.0e5 residual_friction_angle = 30.0"

@@ -173,6 +173,9 @@ def test_impulses_of_walls(dosui: Runner, integrator: str, wall: str) -> None:
         weight = mass * GRAVITY * time
         assert np.abs(momentum - weight * slope - walls - lost).max() <= 1e-12 * weight[-1]
         assert abs(walls[-1]) > 0.1 * weight[-1]
+    bare = re.sub(r"&rigid_wall[^/]*/", "", wet(integrator, wall, end=0.01))
+    with pytest.raises(KeyError):  # nobody pays for walls without any
+        dosui(bare, folder="bare").history("block", "momentum_x")
 
 
 def test_refusals(dosui: Runner) -> None:

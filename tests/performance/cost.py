@@ -43,6 +43,8 @@ The blocks are those of [performance.md](performance.md): in free flight, loaded
 that yield start beyond their strength, so that every particle returns to the yield surface.
 Dimensions compare whole scenes; what is left to do for a particle grows with the nodes and
 neighbours that it has.
+The sand hardly strains here; where it flows, its sub-steps follow the strain (29 µs a particle-step
+in a block of 500 particles that bursts).
 
 Again: `python tests/performance/cost.py`.
 """

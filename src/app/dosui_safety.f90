@@ -34,6 +34,11 @@ contains
                    '''drucker_prager''')
       return
     end if
+    if (any(model%scene%material%model == 'cam_clay' .or. &
+            model%scene%material%model == 'dafalias_manzari')) then
+      call model%log%warning('--safety weakens cohesion and friction angles; soils of '// &
+                             'cam_clay and dafalias_manzari keep theirs')
+    end if
     particles = model%particles
     surface = model%surface
     holds = 0.0_wp

@@ -21,7 +21,8 @@ from dosui_post.report.tables import LEVELS, methods_of, of, percent, scenes_of
 from dosui_post.style import COLOURS, MUTED, caption, house_style, save
 from dosui_post.units import number
 
-_MARKERS = "osD^vph"
+_MARKERS = "osD^vphX*"
+_LINES = (*COLOURS, "#7F7F7F", "#8C510A")  # nine methods
 _DASHES = ("-", "--", "-.", (0, (1, 1.2)), (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)), "-")
 _PANEL = (3.7, 3.0)  # inch
 _MOST_COLUMNS = 2
@@ -82,7 +83,7 @@ def efficient(runs: Sequence[Run], quantity: Callable[[Run], float]) -> list[Run
 
 def _style(index: int) -> dict[str, Any]:
     return {
-        "color": COLOURS[index % len(COLOURS)],
+        "color": _LINES[index % len(_LINES)],
         "marker": _MARKERS[index % len(_MARKERS)],
         "linestyle": _DASHES[index % len(_DASHES)],
         "markersize": 5.5,

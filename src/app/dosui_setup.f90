@@ -23,6 +23,8 @@ module dosui_setup
 
   public :: setup_model, seed_model, finish_setup, describe_model
 
+  real(wp), parameter :: many_steps = 1.0e8_wp   !! of an explicit run: a warning
+
 contains
 
   subroutine setup_model(model, comm, scene)
@@ -313,7 +315,7 @@ contains
     !! What will be computed, and how it is spread over the ranks.
     type(model_t), intent(inout) :: model
     integer(i8) :: n, m
-    integer :: linear, isolated, smallest
+    integer :: linear, isolated, smallest, k
 
     n = model%comm%sum(int(model%particles%count, i8))
     m = model%comm%sum(int(model%surface%count, i8))
@@ -328,6 +330,13 @@ contains
                         to_text(model%partition%n_brick)//', cut faces '// &
                         to_text(model%partition%edge_cut))
     call model%log%info('integrator   '//model%choice%describe())
+    do k = 1, model%scene%warnings%count()
+      call model%log%warning(model%scene%warnings%text(k))
+    end do
+    if (model%integrator == 'explicit' .and. model%choice%explicit_steps > many_steps) then
+      call model%log%warning('the run takes about '//to_text(model%choice%explicit_steps, 2)// &
+                             ' explicit steps; '//model%choice%describe_others())
+    end if
     if (smallest == 0 .and. model%comm%size > 1) then
       call model%log%warning('some ranks hold no particle: fewer ranks would do')
     end if

@@ -28,6 +28,7 @@ module dosui_integrator_choice
     real(wp) :: quasi_static_steps = 0.0_wp    !! 0: not possible in this scene
   contains
     procedure :: describe => choice_describe
+    procedure :: describe_others => choice_describe_others
   end type integrator_choice_t
 
   public :: choose_integrator
@@ -190,4 +191,15 @@ contains
     end if
     text = text//' steps'
   end function choice_describe
+
+  function choice_describe_others(self) result(text)
+    !! What the integrators beside explicit would take.
+    class(integrator_choice_t), intent(in) :: self
+    character(len=:), allocatable :: text
+
+    text = 'semi_implicit would take '//to_text(self%semi_implicit_steps, 2)
+    if (self%quasi_static_steps > 0.0_wp) then
+      text = text//', quasi_static '//to_text(self%quasi_static_steps, 2)
+    end if
+  end function choice_describe_others
 end module dosui_integrator_choice

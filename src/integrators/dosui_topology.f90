@@ -85,7 +85,8 @@ contains
     integer, allocatable :: order(:)
     real(wp) :: shift
 
-    shift = shape_shift(shape_kind_of(trim(model%scene%shape_function)))*model%scene%grid_spacing
+    shift = shape_shift(shape_kind_of(trim(model%scene%shape_function_in_force())))* &
+            model%scene%grid_spacing
     associate (set => model%particles)
       call cell_order(set%count, set%field(build_handle(model))%values, set%id, &
                       model%scene%grid_origin + shift, model%scene%grid_spacing, order)
@@ -277,7 +278,7 @@ contains
     end if
     call inward_positions(model, inside)
     call model%grid%build(model%comm, model%scene%grid_spacing, model%scene%grid_origin, &
-                          shape_kind_of(trim(model%scene%shape_function)), n, &
+                          shape_kind_of(trim(model%scene%shape_function_in_force())), n, &
                           model%particles%field(handle)%values(:, 1:n), margin, &
                           model%surface%count, inside, &
                           nint(model%scene%grid_period/model%scene%grid_spacing))

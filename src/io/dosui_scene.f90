@@ -6,6 +6,7 @@ module dosui_scene
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim, nsig, axis
   use dosui_expression, only: expression_t
+  use dosui_problems, only: problems_t
   use dosui_triangles, only: triangles_t
   implicit none
   private
@@ -304,7 +305,8 @@ module dosui_scene
     real(wp) :: grid_spacing = 0.0_wp                !! [m]
     real(wp) :: grid_origin(ndim) = 0.0_wp           !! a node of the grid [m]
     real(wp) :: grid_period(ndim) = 0.0_wp           !! the grid repeats after it; 0: never [m]
-    character(len=name_length) :: shape_function = 'linear'      !! 'linear', 'gimp' or 'bspline'
+    character(len=name_length) :: shape_function = 'auto'
+    !! 'linear', 'gimp', 'bspline' or 'auto': see `shape_function_in_force`
     real(wp) :: domain_min(ndim) = -huge(1.0_wp)     !! particles outside have left [m]
     real(wp) :: domain_max(ndim) = huge(1.0_wp)
     type(time_t) :: time
@@ -325,8 +327,10 @@ module dosui_scene
     type(barrier_t), allocatable :: barrier(:)
     type(rigid_wall_t), allocatable :: rigid_wall(:)
     type(probe_t), allocatable :: probe(:)
+    type(problems_t) :: warnings                     !! what is allowed, but hardly meant
   contains
     procedure :: is_wall => scene_is_wall
+    procedure :: shape_function_in_force => scene_shape_function_in_force
     procedure :: mixture_density => scene_mixture_density
     procedure :: water_modulus => scene_water_modulus
   end type scene_t
@@ -351,6 +355,15 @@ contains
     factor = self%factor%at(time)
     if (allocated(self%formula)) factor = factor*self%expression%value([position, time])
   end function pattern_at
+
+  pure function scene_shape_function_in_force(self) result(name)
+    !! The shape function, 'auto' resolved: particles that cross cells need a smooth one.
+    class(scene_t), intent(in) :: self
+    character(len=name_length) :: name   !! 'linear', 'gimp' or 'bspline'
+
+    name = self%shape_function
+    if (name == 'auto') name = merge('gimp  ', 'linear', self%deformation == 'updated')
+  end function scene_shape_function_in_force
 
   pure real(wp) function scene_mixture_density(self, material) result(density)
     !! Grains and the water in all voids, per volume [kg/m3].

@@ -16,7 +16,7 @@ module dosui_scene_checks
 
   real(wp), parameter :: unit_tolerance = 1.0e-3_wp   !! of the length of a unit vector [-]
 
-  type :: checker_t
+  type, public :: checker_t
     !! Finds the line of what a check complains about.
     type(namelist_t) :: namelist
     type(problems_t) :: problems

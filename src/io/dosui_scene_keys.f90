@@ -361,8 +361,9 @@ contains
                       'endless extent; water needs its own conditions on these sides, or '// &
                       'does not flow through them', unit='m', range='>= 0'))
     call v%name(scene%shape_function, &
-                key('shape_function', 'linear hats, GIMP (uniform) or quadratic B-splines', &
-                    choices='linear gimp bspline'))
+                key('shape_function', 'linear hats, GIMP (uniform) or quadratic B-splines; '// &
+                    'auto: gimp with deformation = ''updated'', where particles cross cells, '// &
+                    'else linear', choices='auto linear gimp bspline'))
     call v%vector(scene%domain_min, &
                   key('domain_min', 'particles below have left the domain', unit='m'))
     call v%vector(scene%domain_max, &

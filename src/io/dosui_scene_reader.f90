@@ -13,6 +13,7 @@ module dosui_scene_reader
   use dosui_scene, only: region_t, scene_t, table_t, name_length
   use dosui_scene_checks, only: check_body_faces, check_scene
   use dosui_scene_echo, only: write_echo
+  use dosui_scene_warnings, only: find_warnings
   use dosui_scene_keys, only: key_visitor_t, key_t, group_t, scene_groups, allocate_group, &
                               visit_group, collect_keys, in_range, n_choice, choice_of
   use dosui_shapes, only: shape_contains, shape_measure, turned
@@ -89,6 +90,7 @@ contains
     if (len(reason) > 0) call problems%add(path, 0, 'output', 'directory', &
                                            "'"//scene%output%directory//"'", reason)
     if (problems%count() > 0) call err%set(path//': '//to_text(problems%count())//' problem(s)')
+    if (.not. err%failed()) call find_warnings(scene)
   end subroutine read_scene
 
   subroutine read_motion(comm, path, scene, problems)
@@ -317,6 +319,7 @@ contains
     end if
     if (.not. allocated(scene%output%directory)) scene%output%directory = '.'
     if (present(directory)) scene%output%directory = directory
+    scene%shape_function = scene%shape_function_in_force()
     call check_scene(scene, namelist, problems)
     call write_echo(scene, scene%echo)
   end subroutine parse_scene

@@ -1,0 +1,190 @@
+!! What is allowed in a scene, but hardly meant: values in the wrong unit or sign, things that
+!! nothing uses, bodies that nothing holds, gaps that a cell bridges.
+module dosui_scene_warnings
+  use dosui_kinds, only: wp
+  use dosui_dimension, only: ndim
+  use dosui_namelist, only: namelist_t
+  use dosui_problems, only: problems_t
+  use dosui_region_contacts, only: region_contacts_t
+  use dosui_scene, only: mechanical_condition_t, name_length, scene_t
+  use dosui_scene_checks, only: checker_t
+  use dosui_text, only: to_text
+  implicit none
+  private
+
+  public :: find_warnings
+
+  ! Limits of what soils, water and this planet have
+  real(wp), parameter :: least_density = 500.0_wp, most_density = 5000.0_wp      !! [kg/m3]
+  real(wp), parameter :: least_modulus = 1.0e3_wp, most_modulus = 1.0e12_wp      !! [Pa]
+  real(wp), parameter :: most_conductivity = 1.0_wp                              !! [m/s]
+  real(wp), parameter :: least_gravity = 9.7_wp, most_gravity = 9.9_wp           !! [m/s2]
+  real(wp), parameter :: right_angle = acos(0.0_wp), degrees = 90.0_wp/right_angle
+  real(wp), parameter :: round_off = 1.0e-6_wp   !! of a force or direction [-]
+
+contains
+
+  subroutine find_warnings(scene)
+    !! Fills the warnings of a scene without problems, each with its line.
+    type(scene_t), intent(inout) :: scene
+    type(checker_t) :: checker
+    type(problems_t) :: known   ! none: the text has been scanned before
+
+    call checker%namelist%scan(scene%text, scene%file, known)
+    call warn_of_methods(checker, scene)
+    call warn_of_gravity(checker, scene)
+    call warn_of_materials(checker, scene)
+    call warn_of_unused(checker, scene)
+    call warn_of_bodies(checker, scene)
+    scene%warnings = checker%problems
+  end subroutine find_warnings
+
+  subroutine warn_of_methods(checker, scene)
+    !! Shape functions that do not suit the motion.
+    type(checker_t), intent(inout) :: checker
+    type(scene_t), intent(in) :: scene
+
+    if (scene%deformation == 'updated' .and. scene%shape_function == 'linear') then
+      call checker%complain('grid', 1, 'shape_function', 'forces jump when particles cross '// &
+                            'cells: ''gimp'' or ''bspline'' suit deformation = ''updated''')
+    end if
+  end subroutine warn_of_methods
+
+  subroutine warn_of_gravity(checker, scene)
+    !! Gravity upwards, or of another planet.
+    type(checker_t), intent(inout) :: checker
+    type(scene_t), intent(in) :: scene
+    real(wp) :: size_of_gravity
+
+    size_of_gravity = norm2(scene%gravity)
+    if (scene%gravity(ndim) > 0.0_wp) then
+      call checker%complain('scene', 1, 'gravity', 'points up: z is up, so its last component '// &
+                            'is negative')
+    else if (size_of_gravity > 0.0_wp .and. &
+             (size_of_gravity < least_gravity .or. size_of_gravity > most_gravity)) then
+      call checker%complain('scene', 1, 'gravity', 'has the size '//to_text(size_of_gravity, 4)// &
+                            ', not that of the Earth, 9.81 [m/s2]')
+    end if
+  end subroutine warn_of_gravity
+
+  subroutine warn_of_materials(checker, scene)
+    !! Constants outside of what soils have.
+    type(checker_t), intent(inout) :: checker
+    type(scene_t), intent(in) :: scene
+    integer :: k
+    logical :: is_wet
+
+    is_wet = scene%water_mode /= 'none'
+    do k = 1, size(scene%material)
+      associate (material => scene%material(k))
+        call warn_outside('material', k, 'solid_density', material%solid_density, least_density, &
+                          most_density, 'kg/m3')
+        if (checker%has('material', k, 'young_modulus') .and. .not. material%rigid) then
+          call warn_outside('material', k, 'young_modulus', material%young_modulus, &
+                            least_modulus, most_modulus, 'Pa')
+        end if
+        if (is_wet) call warn_outside('material', k, 'hydraulic_conductivity', &
+                                      material%hydraulic_conductivity, 0.0_wp, most_conductivity, &
+                                      'm/s')
+        call warn_of_radians(checker, k, 'friction_angle', material%friction_angle)
+        call warn_of_radians(checker, k, 'dilation_angle', material%dilation_angle)
+        call warn_of_radians(checker, k, 'residual_friction_angle', &
+                             material%residual_friction_angle)
+      end associate
+    end do
+    if (is_wet) call warn_outside('water', 1, 'density', scene%water%density, least_density, &
+                                  most_density, 'kg/m3')
+
+  contains
+
+    subroutine warn_outside(group, instance, key, value, least, most, unit)
+      !! A constant outside of its usual range.
+      character(len=*), intent(in) :: group
+      integer, intent(in) :: instance
+      character(len=*), intent(in) :: key
+      real(wp), intent(in) :: value, least, most
+      character(len=*), intent(in) :: unit
+
+      if (value >= least .and. value <= most) return
+      call checker%complain(group, instance, key, 'is unusual: '//to_text(least)//' ... '// &
+                            to_text(most)//' ['//unit//'] is expected; is its unit right?')
+    end subroutine warn_outside
+  end subroutine warn_of_materials
+
+  subroutine warn_of_radians(checker, instance, key, angle)
+    !! An angle that is small in degrees and sensible in radians.
+    type(checker_t), intent(inout) :: checker
+    integer, intent(in) :: instance
+    character(len=*), intent(in) :: key
+    real(wp), intent(in) :: angle   !! [deg]
+
+    if (.not. (angle > 0.0_wp .and. angle < right_angle)) return
+    call checker%complain('material', instance, key, 'is in degrees; in radians it would be '// &
+                          to_text(angle*degrees, 3)//' [deg]')
+  end subroutine warn_of_radians
+
+  subroutine warn_of_unused(checker, scene)
+    !! Materials and surfaces that nothing uses.
+    type(checker_t), intent(inout) :: checker
+    type(scene_t), intent(in) :: scene
+    logical :: is_used
+    integer :: k
+
+    do k = 1, size(scene%material)
+      if (any(scene%region%material == scene%material(k)%name)) cycle
+      call checker%complain('material', k, 'name', 'no &region uses it')
+    end do
+    do k = 1, size(scene%surface)
+      if (scene%surface(k)%face == 'free') cycle   ! its area is a history
+      is_used = any(scene%mechanical_condition%surface == scene%surface(k)%name) .or. &
+                any(scene%hydraulic_condition%surface == scene%surface(k)%name) .or. &
+                any(scene%probe%surface == scene%surface(k)%name)
+      if (is_used) cycle
+      call checker%complain('surface', k, 'name', 'no condition or probe uses it')
+    end do
+  end subroutine warn_of_unused
+
+  subroutine warn_of_bodies(checker, scene)
+    !! Gaps, loads that pull, and bodies that nothing holds.
+    type(checker_t), intent(inout) :: checker
+    type(scene_t), intent(in) :: scene
+    type(region_contacts_t) :: contacts
+    integer :: a, c, g
+
+    call contacts%find(scene)
+    do g = 1, size(contacts%gap)
+      associate (gap => contacts%gap(g))
+        call checker%complain('region', gap%second, 'name', 'lies '//to_text(gap%width, 4)// &
+                              " m away from '"//trim(scene%region(gap%first)%name)//"' at "// &
+                              place(gap%place)//' [m]: within a grid spacing the skeletons '// &
+                              'are joined, but no water passes')
+      end associate
+    end do
+    do c = 1, size(contacts%pulls)
+      if (.not. contacts%pulls(c)) cycle
+      call checker%complain('mechanical_condition', c, 'value', 'pulls at the body: pressures '// &
+                            'and plate forces are positive, tractions point into the body')
+    end do
+    if (any(scene%material%rigid)) return
+    do a = 1, size(scene%region)
+      if (contacts%body(a) /= a .or. .not. norm2(contacts%unheld(:, a)) > round_off) cycle
+      call checker%complain('region', a, 'name', 'gravity or loads drive the body along '// &
+                            place(contacts%unheld(:, a))//', where none of its '// &
+                            'mechanical conditions holds it')
+    end do
+  end subroutine warn_of_bodies
+
+  pure function place(components) result(text)
+    !! Components in parentheses.
+    real(wp), intent(in) :: components(ndim)
+    character(len=:), allocatable :: text
+    integer :: d
+
+    text = '('
+    do d = 1, ndim
+      if (d > 1) text = text//', '
+      text = text//to_text(components(d), 4)
+    end do
+    text = text//')'
+  end function place
+end module dosui_scene_warnings

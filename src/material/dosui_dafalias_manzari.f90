@@ -66,7 +66,6 @@ module dosui_dafalias_manzari
     procedure :: update_stress => dafalias_manzari_update_stress
     procedure :: tangent => dafalias_manzari_tangent
     procedure :: start_state => dafalias_manzari_start_state
-    procedure :: constrained_modulus => dafalias_manzari_constrained_modulus
     procedure :: shear_modulus => dafalias_manzari_shear_modulus
     procedure :: bulk_modulus => dafalias_manzari_bulk_modulus
   end type dafalias_manzari_t
@@ -582,11 +581,4 @@ contains
 
     call moduli(self, self%reference_pressure, self%reference_void_ratio, bulk, modulus)
   end function dafalias_manzari_shear_modulus
-
-  pure real(wp) function dafalias_manzari_constrained_modulus(self) result(modulus)
-    !! M = K + 4 G/3, likewise [Pa].
-    class(dafalias_manzari_t), intent(in) :: self
-
-    modulus = self%bulk_modulus() + 4.0_wp*self%shear_modulus()/3.0_wp
-  end function dafalias_manzari_constrained_modulus
 end module dosui_dafalias_manzari

@@ -12,13 +12,10 @@ module dosui_drucker_prager
   use dosui_kinds, only: wp
   use dosui_dimension, only: nsig
   use dosui_error, only: error_t
-  use dosui_isotropic_model, only: isotropic_model_t
+  use dosui_isotropic_model, only: isotropic_model_t, plastic_strain, opened
   use dosui_principal, only: deviator_of, elastic_matrix, tangent_from_invariants
   implicit none
   private
-
-  integer, parameter :: plastic_strain = 1   ! state variable: plastic shear strain [-]
-  integer, parameter :: opened = 2           ! likewise: opened volume over volume [-]
 
   type, extends(isotropic_model_t), public :: drucker_prager_t
     real(wp) :: eta = 0.0_wp             !! slope of the cone [-]
@@ -45,21 +42,13 @@ contains
     !! 'compression', 'extension' or 'plane_strain'
 
     call self%set_elasticity(young_modulus, poisson_ratio)
-    self%is_nonlinear = .true.
     self%eta = slope_of(friction)
     self%flow = slope_of(dilation)
     self%strength = cohesion*factor_of(friction)
     self%largest_mean = tensile_strength
     if (self%eta > 0.0_wp) self%largest_mean = min(tensile_strength, self%strength/self%eta)
     self%can_open = .not. self%largest_mean > 0.0_wp
-    if (self%can_open) then
-      self%state_strains = [opened]
-      self%state_names = [character(len=32) :: 'plastic_shear_strain', 'opened_volume']
-      self%state_units = [character(len=8) :: '-', '-']
-    else
-      self%state_names = [character(len=32) :: 'plastic_shear_strain']
-      self%state_units = [character(len=8) :: '-']
-    end if
+    call self%name_plastic_state(self%can_open)
 
   contains
 
@@ -156,12 +145,15 @@ contains
       of_mean = [1.0_wp, 0.0_wp] - bulk*self%flow/stiffness*[self%eta, 1.0_wp]
       of_length = [0.0_wp, 1.0_wp] - self%shear/stiffness*[self%eta, 1.0_wp]
     end if
-    if (mean <= self%largest_mean .and. length >= 0.0_wp) return
+    if (mean <= self%largest_mean) then
+      length = max(0.0_wp, length)   ! below zero by round-off only: the apex is not below the cut-off
+      return
+    end if
     mean = self%largest_mean   ! the cut-off, and its edge with the cone
     of_mean = 0.0_wp
     length = trial_length
     of_length = [0.0_wp, 1.0_wp]
-    if (length + self%eta*mean > self%strength) then
+    if (length + self%eta*mean >= self%strength) then
       length = max(0.0_wp, self%strength - self%eta*mean)
       of_length = 0.0_wp
     end if

@@ -75,7 +75,7 @@ contains
   end subroutine drucker_prager_init
 
   subroutine drucker_prager_update_stress(self, n, strain_increment, stress, state, err, tangent)
-    !! Stresses after strain increments, and their consistent tangents. Cannot fail.
+    !! Stresses after strain increments, and their consistent tangents. Numbers cannot fail.
     class(drucker_prager_t), intent(in) :: self
     integer, intent(in) :: n
     real(wp), intent(in) :: strain_increment(nsig, n)
@@ -84,7 +84,7 @@ contains
     type(error_t), intent(inout) :: err
     real(wp), intent(out), optional :: tangent(nsig, nsig, n)
     real(wp) :: elastic(nsig, nsig), deviator(nsig), trial_mean, trial_length, mean, length
-    real(wp) :: of_mean(2), of_length(2), bulk, multiplier
+    real(wp) :: of_mean(2), of_length(2), bulk, multiplier, new(nsig)
     integer :: p
     logical :: is_elastic
 
@@ -92,15 +92,19 @@ contains
     bulk = self%bulk_modulus()
     elastic = elastic_matrix(self%lambda, self%shear)
     do p = 1, n
-      stress(:, p) = stress(:, p) + matmul(elastic, strain_increment(:, p))
-      if (self%can_open) then   ! what has opened must close first
-        stress(1:3, p) = stress(1:3, p) + bulk*state(opened, p)
-        state(opened, p) = 0.0_wp
+      new = stress(:, p) + matmul(elastic, strain_increment(:, p))
+      if (self%can_open) new(1:3) = new(1:3) + bulk*state(opened, p)   ! that must close first
+      call deviator_of(new, trial_mean, deviator, trial_length)
+      if (present(tangent)) tangent(:, :, p) = elastic
+      if (.not. abs(trial_mean) + trial_length <= huge(1.0_wp)) then
+        call self%explain('Drucker-Prager: no numbers', strain_increment(:, p), stress(:, p), &
+                          state(:, p), err)
+        cycle
       end if
-      call deviator_of(stress(:, p), trial_mean, deviator, trial_length)
+      if (self%can_open) state(opened, p) = 0.0_wp
+      stress(:, p) = new
       call return_to_cone(self, bulk, trial_mean, trial_length, mean, length, of_mean, of_length, &
                           is_elastic)
-      if (present(tangent)) tangent(:, :, p) = elastic
       if (is_elastic) cycle
       if (trial_length > 0.0_wp) stress(:, p) = deviator*(length/trial_length)
       stress(1:3, p) = stress(1:3, p) + mean

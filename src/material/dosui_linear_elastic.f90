@@ -1,5 +1,6 @@
 !! Isotropic linear elasticity: sigma = lambda tr(epsilon) I + 2 G epsilon.
 module dosui_linear_elastic
+  use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
   use dosui_kinds, only: wp
   use dosui_dimension, only: nsig
   use dosui_error, only: error_t
@@ -25,7 +26,7 @@ contains
   end subroutine linear_elastic_init
 
   subroutine linear_elastic_update_stress(self, n, strain_increment, stress, state, err, tangent)
-    !! Adds the stress increments of a batch of points; needs no state and cannot fail.
+    !! Adds the stress increments of a batch of points; needs no state. Numbers cannot fail.
     class(linear_elastic_t), intent(in) :: self
     integer, intent(in) :: n
     real(wp), intent(in) :: strain_increment(nsig, n)
@@ -33,21 +34,33 @@ contains
     real(wp), intent(inout) :: state(:, :)
     type(error_t), intent(inout) :: err
     real(wp), intent(out), optional :: tangent(nsig, nsig, n)
+    real(wp) :: total(nsig)
+    integer :: p
 
     if (present(tangent)) tangent = spread(elastic_matrix(self%lambda, self%shear), 3, n)
     if (err%failed() .or. size(state, 1) > 0) return   ! it has no state
-    call add_elastic_stress(self%lambda, self%shear, n, strain_increment, stress)
+    call add_elastic_stress(self%lambda, self%shear, n, strain_increment, stress, total)
+    if (ieee_is_finite(sum(total))) return
+    do p = 1, n
+      if (.not. all(ieee_is_finite(stress(:, p)))) then
+        call self%explain('linear elasticity: no numbers', strain_increment(:, p), stress(:, p), &
+                          state(:, p), err)
+      end if
+    end do
   end subroutine linear_elastic_update_stress
 
-  pure subroutine add_elastic_stress(lambda, shear, n, strain_increment, stress)
-    !! Kernel: normal components lambda tr + 2 G epsilon, shear components G gamma.
+  pure subroutine add_elastic_stress(lambda, shear, n, strain_increment, stress, total)
+    !! Kernel: normal components lambda tr + 2 G epsilon, shear components G gamma. Sums over the
+    !! points tell whether all are numbers.
     real(wp), intent(in) :: lambda, shear
     integer, intent(in) :: n
     real(wp), intent(in) :: strain_increment(nsig, n)
     real(wp), intent(inout) :: stress(nsig, n)
+    real(wp), intent(out) :: total(nsig)   !! of the stresses [Pa]
     real(wp) :: volumetric
     integer :: p, s
 
+    total = 0.0_wp
     do p = 1, n
       volumetric = lambda*(strain_increment(1, p) + strain_increment(2, p) + &
                            strain_increment(3, p))
@@ -55,6 +68,7 @@ contains
         stress(s, p) = stress(s, p) + volumetric + 2.0_wp*shear*strain_increment(s, p)
       end do
       stress(4:, p) = stress(4:, p) + shear*strain_increment(4:, p)
+      total = total + stress(:, p)
     end do
   end subroutine add_elastic_stress
 end module dosui_linear_elastic

@@ -84,7 +84,7 @@ contains
     type(error_t), intent(inout) :: err
     real(wp), intent(out), optional :: tangent(nsig, nsig, n)
     real(wp) :: elastic(nsig, nsig), trial(3), vector(3, 3), value(3), strain(3), inverse(3, 3)
-    real(wp) :: bulk
+    real(wp) :: bulk, new(nsig)
     type(planes_t) :: planes
     integer :: active(3), p
     logical :: is_elastic, is_solved
@@ -93,17 +93,20 @@ contains
     bulk = self%bulk_modulus()
     call find_planes(self, 0.0_wp, planes)
     do p = 1, n
-      stress(:, p) = stress(:, p) + matmul(elastic, strain_increment(:, p))
-      if (self%can_open) then   ! what has opened must close first
-        stress(1:3, p) = stress(1:3, p) + bulk*state(opened, p)
-        state(opened, p) = 0.0_wp
-      end if
+      new = stress(:, p) + matmul(elastic, strain_increment(:, p))
+      if (self%can_open) new(1:3) = new(1:3) + bulk*state(opened, p)   ! that must close first
       if (present(tangent)) tangent(:, :, p) = elastic
-      call principal_stresses(stress(:, p), trial, vector)
+      call principal_stresses(new, trial, vector)
       if (self%softening_strain > 0.0_wp) call find_planes(self, state(plastic_strain, p), planes)
       call return_to_planes(trial, planes, value, strain, active, inverse, is_elastic, is_solved)
+      if (.not. (is_solved .and. abs(sum(new)) <= huge(1.0_wp))) then   ! the latter: numbers
+        call self%explain('Mohr-Coulomb: no admissible stress', strain_increment(:, p), &
+                          stress(:, p), state(:, p), err)
+        cycle
+      end if
+      if (self%can_open) state(opened, p) = 0.0_wp
+      stress(:, p) = new
       if (is_elastic) cycle
-      if (.not. is_solved) call err%set('Mohr-Coulomb: no admissible stress')
       stress(:, p) = stress_from_principal(value, vector)
       state(plastic_strain, p) = state(plastic_strain, p) + (maxval(strain) - minval(strain))
       if (self%can_open) then
@@ -180,6 +183,7 @@ contains
     scale = max(abs(trial(1)), abs(trial(3)))
     excess = excess_of(planes, trial)
     is_elastic = max(excess(1), excess(4)) <= slack*scale   ! the others have less
+    is_solved = is_elastic
     if (is_elastic) return
     limit = slack*(scale + abs(planes%strength))   ! of unlimited ones: not used
     is_upper = trial(1) - trial(2) < trial(2) - trial(3)

@@ -116,23 +116,24 @@ contains
     real(wp), intent(out), optional :: tangent(nsig, nsig, n)
     type(point_t) :: point
     type(return_t) :: to
-    real(wp) :: deviator(nsig), length, ratio, shrink
+    real(wp) :: deviator(nsig), length, ratio, volume
     integer :: i
 
     if (present(tangent)) tangent = 0.0_wp   ! of points that fail
     do i = 1, n
-      shrink = -sum(strain_increment(1:3, i))
+      volume = state(specific_volume, i)* &
+               exp(min(largest_growth, sum(strain_increment(1:3, i))))
       call find_trial(self, strain_increment(:, i), stress(:, i), state(:, i), point, deviator, &
                       length)
-      call return_to_ellipse(self, point, to)
-      call judge(self, strain_increment(:, i), stress(:, i), state(:, i), to, err)
+      call return_to_ellipse(self, point, present(tangent), to)
+      call judge(self, strain_increment(:, i), stress(:, i), state(:, i), volume, to, err)
       if (err%failed()) return
       ratio = 0.0_wp
       if (length > 0.0_wp) ratio = to%q/point%q
       stress(:, i) = deviator*ratio
       stress(1:3, i) = stress(1:3, i) - to%p
       state(yield_pressure, i) = to%p_c
-      state(specific_volume, i) = state(specific_volume, i)*exp(-shrink)
+      state(specific_volume, i) = volume
       if (present(tangent)) then
         tangent(:, :, i) = tangent_from_invariants( &
                            point%elastic*(to%p + self%least_pressure), point%shear, deviator, &
@@ -166,15 +167,16 @@ contains
     point%q = root_3*length
   end subroutine find_trial
 
-  subroutine judge(self, strain, stress, state, to, err)
+  subroutine judge(self, strain, stress, state, volume, to, err)
     !! Words for what cannot be, before it is.
     type(cam_clay_t), intent(in) :: self
-    real(wp), intent(in) :: strain(nsig), stress(nsig), state(:)
+    real(wp), intent(in) :: strain(nsig), stress(nsig), state(:)   !! before
+    real(wp), intent(in) :: volume   !! specific, after
     type(return_t), intent(in) :: to
     type(error_t), intent(inout) :: err
     character(len=*), parameter :: name = 'modified Cam-clay: '
 
-    if (.not. state(specific_volume)*exp(min(largest_growth, sum(strain(1:3)))) > 1.0_wp) then
+    if (.not. volume > 1.0_wp) then
       call self%explain(name//'the pores close', strain, stress, state, err)
     else if (.not. (to%p < largest_pressure .and. to%q < largest_pressure)) then
       call self%explain(name//'stresses grow beyond any soil''s', strain, stress, state, err)
@@ -183,15 +185,16 @@ contains
     end if
   end subroutine judge
 
-  pure subroutine return_to_ellipse(self, point, to)
+  pure subroutine return_to_ellipse(self, point, with_slope, to)
     !! Kernel: p, q and p_c after a trial. Unknowns are the plastic volume strain x and the
     !! multiplier g (times the first p_c): x = g (2 p - p_c), f = 0. Newton's iterations from the
     !! trial, or bisection where they fail.
     type(cam_clay_t), intent(in) :: self
     type(point_t), intent(in) :: point
+    logical, intent(in) :: with_slope
     type(return_t), intent(out) :: to
     type(system_t) :: system
-    real(wp) :: x, g, largest
+    real(wp) :: g, largest
 
     to%p = -self%least_pressure
     if (point%growth < largest_growth) then
@@ -206,16 +209,15 @@ contains
         to%converged = to%q**2/self%ratio**2 + to%p*(to%p - to%p_c) <= tolerance*to%p_c**2
       end if
       if (to%converged) return
-      call iterate(self, point, x, g, to%converged)
+      call iterate(self, point, system, g, to%converged)
     end if
-    if (.not. to%converged) call bisect(self, point, x, g, to%converged)
+    if (.not. to%converged) call bisect(self, point, system, g, to%converged)
     if (.not. to%converged .and. .not. point%growth < largest_growth) to%p = huge(1.0_wp)
     if (.not. to%converged) return
-    system = system_at(self, point, x, g)
     to%p = system%p
     to%q = system%q
     to%p_c = system%p_c
-    call find_slope(self, point, system, g, to%slope)
+    if (with_slope) call find_slope(self, point, system, g, to%slope)
   end subroutine return_to_ellipse
 
   pure function system_at(self, point, x, g) result(system)
@@ -249,15 +251,16 @@ contains
     end associate
   end function system_at
 
-  pure subroutine iterate(self, point, x, g, converged)
+  pure subroutine iterate(self, point, system, g, converged)
     !! Kernel: Newton's iterations from the trial, with limited changes.
     type(cam_clay_t), intent(in) :: self
     type(point_t), intent(in) :: point
-    real(wp), intent(out) :: x, g
+    type(system_t), intent(out) :: system   !! at the solution
+    real(wp), intent(out) :: g
     logical, intent(out) :: converged
-    type(system_t) :: system
-    real(wp) :: step(2), size
+    real(wp) :: x, step(2), size
     integer :: k
+    logical :: can_solve
 
     x = 0.0_wp
     g = 0.0_wp
@@ -268,8 +271,8 @@ contains
       converged = abs(system%residual(1)) <= tolerance .and. &
                   abs(system%residual(2)) <= tolerance*size
       if (converged) return
-      if (.not. can_solve(system%jacobian)) return
-      step = solved(system%jacobian, system%residual)
+      call solve(system%jacobian, system%residual, step, can_solve)
+      if (.not. can_solve) return
       step = step*min(1.0_wp, largest_change/ &
                       max(tiny(1.0_wp), abs(step(1))*max(point%elastic, point%plastic)))
       x = x - step(1)
@@ -277,15 +280,15 @@ contains
     end do
   end subroutine iterate
 
-  pure subroutine bisect(self, point, x, g, converged)
+  pure subroutine bisect(self, point, system, g, converged)
     !! Kernel: the least multiplier with f = 0. As it grows without end, the stress goes to
     !! q = 0 at the critical p, where f < 0: there is one. Slow, and never fails.
     type(cam_clay_t), intent(in) :: self
     type(point_t), intent(in) :: point
-    real(wp), intent(out) :: x, g
+    type(system_t), intent(out) :: system   !! at the solution
+    real(wp), intent(out) :: g
     logical, intent(out) :: converged
-    type(system_t) :: system
-    real(wp) :: low, high, middle
+    real(wp) :: x, low, high, middle
     integer :: k
 
     low = 0.0_wp
@@ -313,6 +316,7 @@ contains
     end do
     g = high
     x = volume_of(self, point, g)
+    system = system_at(self, point, x, g)
   end subroutine bisect
 
   pure real(wp) function volume_of(self, point, g) result(x)
@@ -353,36 +357,35 @@ contains
     real(wp), intent(in) :: g
     real(wp), intent(out) :: slope(2, 2)   !! [-]; by p over the growth of p + p_a
     real(wp) :: right(2, 2), step(2)
+    logical :: can_solve
 
     slope = 0.0_wp
-    if (.not. can_solve(system%jacobian)) return   ! a limit point of softening
     associate (unit => point%p_c, from_q => 1.0_wp/system%softening)
       right(:, 1) = [-2.0_wp*g/unit, (2.0_wp*system%p - system%p_c)/unit**2]
       right(:, 2) = [0.0_wp, 2.0_wp*system%q*from_q/self%ratio**2/unit**2]
-      step = -solved(system%jacobian, right(:, 1))
-      slope(:, 1) = [1.0_wp + system%p_x*step(1), system%q_g*step(2)]
-      step = -solved(system%jacobian, right(:, 2))
-      slope(:, 2) = [system%p_x*step(1), from_q + system%q_g*step(2)]
+      call solve(system%jacobian, right(:, 1), step, can_solve)
+      if (.not. can_solve) return   ! a limit point of softening
+      slope(:, 1) = [1.0_wp - system%p_x*step(1), -system%q_g*step(2)]
+      call solve(system%jacobian, right(:, 2), step, can_solve)
+      slope(:, 2) = [-system%p_x*step(1), from_q - system%q_g*step(2)]
     end associate
   end subroutine find_slope
 
-  pure logical function can_solve(matrix)
-    !! Is a matrix regular?
-    real(wp), intent(in) :: matrix(2, 2)
-
-    can_solve = abs(matrix(1, 1)*matrix(2, 2) - matrix(1, 2)*matrix(2, 1)) > &
-                regular*(abs(matrix(1, 1)*matrix(2, 2)) + abs(matrix(1, 2)*matrix(2, 1)))
-  end function can_solve
-
-  pure function solved(matrix, right_side) result(solution)
-    !! Solution of a system of two equations.
+  pure subroutine solve(matrix, right_side, solution, is_regular)
+    !! Kernel: solution of a system of two equations.
     real(wp), intent(in) :: matrix(2, 2), right_side(2)
-    real(wp) :: solution(2), determinant
+    real(wp), intent(out) :: solution(2)
+    logical, intent(out) :: is_regular
+    real(wp) :: a, b
 
-    determinant = matrix(1, 1)*matrix(2, 2) - matrix(1, 2)*matrix(2, 1)
+    a = matrix(1, 1)*matrix(2, 2)
+    b = matrix(1, 2)*matrix(2, 1)
+    is_regular = abs(a - b) > regular*(abs(a) + abs(b))
+    solution = 0.0_wp
+    if (.not. is_regular) return
     solution = [right_side(1)*matrix(2, 2) - right_side(2)*matrix(1, 2), &
-                matrix(1, 1)*right_side(2) - matrix(2, 1)*right_side(1)]/determinant
-  end function solved
+                matrix(1, 1)*right_side(2) - matrix(2, 1)*right_side(1)]/(a - b)
+  end subroutine solve
 
   subroutine cam_clay_tangent(self, stress, state, tangent)
     !! The elastic matrix at a stress.

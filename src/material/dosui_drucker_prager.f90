@@ -109,7 +109,7 @@ contains
       if (trial_length > 0.0_wp) stress(:, p) = deviator*(length/trial_length)
       stress(1:3, p) = stress(1:3, p) + mean
       if (.not. trial_length > 0.0_wp) stress(1:3, p) = mean
-      multiplier = (trial_length - length)/self%shear
+      multiplier = max(0.0_wp, trial_length - length)/self%shear
       state(plastic_strain, p) = state(plastic_strain, p) + multiplier
       if (self%can_open .and. .not. mean < self%largest_mean) then
         ! at the cut-off; soil that carries nothing does not dilate either

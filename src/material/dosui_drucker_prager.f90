@@ -150,7 +150,7 @@ contains
       of_length = [0.0_wp, 1.0_wp] - self%shear/stiffness*[self%eta, 1.0_wp]
     end if
     if (mean <= self%largest_mean) then
-      length = max(0.0_wp, length)   ! below zero by round-off only: the apex is not below the cut-off
+      length = max(0.0_wp, length)   ! below zero by round-off only: the cut-off ends at the apex
       return
     end if
     mean = self%largest_mean   ! the cut-off, and its edge with the cone

@@ -254,6 +254,9 @@ contains
         end if
         if (allocated(plan%level)) plan%level(k) = level
       end if
+      if (error > self%tolerance .and. level == finest) then
+        call hold_within(self, voids(2), point, trial)
+      end if
       point = trial
       place = place + taken
       if (error < growth*self%tolerance .and. level > 0) then
@@ -262,6 +265,31 @@ contains
     end do
     if (.not. plan%is_fixed) plan%n = k
   end subroutine integrate
+
+  pure subroutine hold_within(self, voids, before, point)
+    !! Kernel: where the finest sub-step is still too long (hardly any mean stress), its rates may
+    !! lead anywhere: alpha stays within the bounding surface, or where it was, and the stress on
+    !! the yield surface.
+    type(dafalias_manzari_t), intent(in) :: self
+    real(wp), intent(in) :: voids           !! e after [-]
+    type(point_t), intent(in) :: before
+    type(point_t), intent(inout) :: point
+    real(wp) :: r(nsig), out(nsig), p, length, bound
+
+    call split(self, point%stress, p, r)
+    bound = root_23*(self%ratio*exp(-self%bounding_exponent*state_parameter(self, p, voids)) - &
+                     self%yield_ratio)
+    bound = max(bound, size_of(before%back))
+    length = size_of(point%back)
+    if (.not. length > bound) return
+    out = deviator_between(r, point%back)
+    point%back = point%back*(bound/length)
+    point%back(1:3) = point%back(1:3) - sum(point%back(1:3))/3.0_wp
+    length = size_of(out)
+    if (length > 0.0_wp) out = out*(root_23*self%yield_ratio/length)
+    point%stress = p*(point%back + out)
+    point%stress(1:3) = point%stress(1:3) + p
+  end subroutine hold_within
 
   pure subroutine substep(self, strain, voids, point, error)
     !! Kernel: an elastic part up to the yield surface, and modified Euler's rule beyond.

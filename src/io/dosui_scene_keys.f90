@@ -499,7 +499,7 @@ contains
 
     call v%real(material%critical_state_ratio, &
                 key('critical_state_ratio', 'M: q/p in the critical state, of sand in triaxial '// &
-                    'compression; cam_clay needs it', unit='-', range='> 0', &
+                    'compression; cam_clay needs it', unit='-', range='>= 0.1 and <= 3', &
                     required=applies, only=both, applies=applies .or. is_sand))
     call v%real(material%compression_index, &
                 key('compression_index', 'lambda: virgin compression in specific volume over '// &

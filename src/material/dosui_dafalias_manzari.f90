@@ -9,6 +9,7 @@
 !! around the stress (drift). The mean stress never falls below `smallest_pressure`; there the
 !! stress ratio follows the yield surface instead.
 module dosui_dafalias_manzari
+  use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
   use dosui_kinds, only: wp
   use dosui_dimension, only: nsig, voigt6
   use dosui_error, only: error_t
@@ -38,6 +39,7 @@ module dosui_dafalias_manzari
   real(wp), parameter :: largest_start = 0.95_wp    ! alpha at first over the bounding surface [-]
   real(wp), parameter :: perturbation = 1.0e-4_wp   ! of strains over the largest, for tangents
   real(wp), parameter :: least_perturbation = 1.0e-11_wp
+  real(wp), parameter :: largest_increment = 1.0_wp   ! of strains [-]
 
   type, extends(material_model_t), public :: dafalias_manzari_t
     !! Constants; the values here are those of Toyoura sand.
@@ -66,7 +68,6 @@ module dosui_dafalias_manzari
     procedure :: update_stress => dafalias_manzari_update_stress
     procedure :: tangent => dafalias_manzari_tangent
     procedure :: start_state => dafalias_manzari_start_state
-    procedure :: constrained_modulus => dafalias_manzari_constrained_modulus
     procedure :: shear_modulus => dafalias_manzari_shear_modulus
     procedure :: bulk_modulus => dafalias_manzari_bulk_modulus
   end type dafalias_manzari_t
@@ -122,7 +123,7 @@ contains
                                    exp(-self%bounding_exponent* &
                                        state_parameter(self, p, state(void_ratio))) - &
                                    self%yield_ratio)
-    if (length > bound) r = r*max(bound, 0.0_wp)/length
+    if (length > bound) r = r*(max(bound, 0.0_wp)/max(length, tiny(1.0_wp)))
     state(back:back + nsig - 1) = r
     state(start:start + nsig - 1) = r
     state(fabric:fabric + nsig - 1) = 0.0_wp
@@ -130,7 +131,8 @@ contains
 
   subroutine dafalias_manzari_update_stress(self, n, strain_increment, stress, state, err, tangent)
     !! Stresses after strain increments. Tangents are central differences over the same sub-steps,
-    !! elastic moduli where nothing is strained. Cannot fail.
+    !! elastic moduli where nothing is strained. Fails, and leaves the point as it is, where pores
+    !! close and for increments far beyond small strains.
     class(dafalias_manzari_t), intent(in) :: self
     integer, intent(in) :: n
     real(wp), intent(in) :: strain_increment(nsig, n)
@@ -145,7 +147,10 @@ contains
 
     if (err%failed()) return
     if (present(tangent)) allocate (plan%level(2**finest))
+    if (present(tangent)) tangent = 0.0_wp   ! of points that fail
     do i = 1, n
+      call judge(self, strain_increment(:, i), stress(:, i), state(:, i), err)
+      if (err%failed()) return
       strain = -strain_increment(:, i)
       strain(4:) = 0.5_wp*strain(4:)
       before%stress = -stress(:, i)
@@ -167,6 +172,22 @@ contains
       state(fabric:fabric + nsig - 1, i) = point%fabric
     end do
   end subroutine dafalias_manzari_update_stress
+
+  subroutine judge(self, strain, stress, state, err)
+    !! Words for what cannot be, before it is.
+    class(dafalias_manzari_t), intent(in) :: self
+    real(wp), intent(in) :: strain(nsig), stress(nsig), state(:)
+    type(error_t), intent(inout) :: err
+    character(len=*), parameter :: name = 'Dafalias-Manzari sand: '
+
+    if (.not. all(ieee_is_finite([strain, stress, state]))) then
+      call self%explain(name//'no numbers', strain, stress, state, err)
+    else if (maxval(abs(strain)) > largest_increment) then
+      call self%explain(name//'the increment is too large', strain, stress, state, err)
+    else if (.not. (1.0_wp + state(void_ratio))*exp(sum(strain(1:3))) > 1.0_wp) then
+      call self%explain(name//'the pores close', strain, stress, state, err)
+    end if
+  end subroutine judge
 
   subroutine differentiate(self, strain, volume, before, plan, tangent)
     !! Kernel: the tangent of an increment by central differences.
@@ -233,6 +254,9 @@ contains
         end if
         if (allocated(plan%level)) plan%level(k) = level
       end if
+      if (error > self%tolerance .and. level == finest) then
+        call hold_within(self, voids(2), point, trial)
+      end if
       point = trial
       place = place + taken
       if (error < growth*self%tolerance .and. level > 0) then
@@ -241,6 +265,31 @@ contains
     end do
     if (.not. plan%is_fixed) plan%n = k
   end subroutine integrate
+
+  pure subroutine hold_within(self, voids, before, point)
+    !! Kernel: where the finest sub-step is still too long (hardly any mean stress), its rates may
+    !! lead anywhere: alpha stays within the bounding surface, or where it was, and the stress on
+    !! the yield surface.
+    type(dafalias_manzari_t), intent(in) :: self
+    real(wp), intent(in) :: voids           !! e after [-]
+    type(point_t), intent(in) :: before
+    type(point_t), intent(inout) :: point
+    real(wp) :: r(nsig), out(nsig), p, length, bound
+
+    call split(self, point%stress, p, r)
+    bound = root_23*(self%ratio*exp(-self%bounding_exponent*state_parameter(self, p, voids)) - &
+                     self%yield_ratio)
+    bound = max(bound, size_of(before%back))
+    length = size_of(point%back)
+    if (.not. length > bound) return
+    out = deviator_between(r, point%back)
+    point%back = point%back*(bound/length)
+    point%back(1:3) = point%back(1:3) - sum(point%back(1:3))/3.0_wp
+    length = size_of(out)
+    if (length > 0.0_wp) out = out*(root_23*self%yield_ratio/length)
+    point%stress = p*(point%back + out)
+    point%stress(1:3) = point%stress(1:3) + p
+  end subroutine hold_within
 
   pure subroutine substep(self, strain, voids, point, error)
     !! Kernel: an elastic part up to the yield surface, and modified Euler's rule beyond.
@@ -317,7 +366,7 @@ contains
     compression = sum(strain(1:3))
     rates%stress = 2.0_wp*shear*strain
     rates%stress(1:3) = rates%stress(1:3) + (bulk - 2.0_wp*shear/3.0_wp)*compression
-    direction = r - point%back
+    direction = deviator_between(r, point%back)
     length = size_of(direction)
     loading = 0.0_wp
     if (.not. length > on_surface*self%yield_ratio) then
@@ -460,7 +509,7 @@ contains
     real(wp) :: r(nsig), out(nsig), p, length
 
     call split(self, point%stress, p, r)
-    out = r - point%back
+    out = deviator_between(r, point%back)
     length = size_of(out)
     if (.not. length > 0.0_wp) return
     out = out*(root_23*self%yield_ratio/length)
@@ -471,6 +520,16 @@ contains
       point%back = r - out
     end if
   end subroutine put_on_surface
+
+  pure function deviator_between(r, centre) result(direction)
+    !! From the centre of the yield surface to a stress ratio; without the trace that round-off
+    !! has, which many small sub-steps would let grow.
+    real(wp), intent(in) :: r(nsig), centre(nsig)   !! deviators [-]
+    real(wp) :: direction(nsig)
+
+    direction = r - centre
+    direction(1:3) = direction(1:3) - sum(direction(1:3))/3.0_wp
+  end function deviator_between
 
   pure subroutine lift(self, point)
     !! Kernel: raises the mean stress to its least value.
@@ -582,11 +641,4 @@ contains
 
     call moduli(self, self%reference_pressure, self%reference_void_ratio, bulk, modulus)
   end function dafalias_manzari_shear_modulus
-
-  pure real(wp) function dafalias_manzari_constrained_modulus(self) result(modulus)
-    !! M = K + 4 G/3, likewise [Pa].
-    class(dafalias_manzari_t), intent(in) :: self
-
-    modulus = self%bulk_modulus() + 4.0_wp*self%shear_modulus()/3.0_wp
-  end function dafalias_manzari_constrained_modulus
 end module dosui_dafalias_manzari

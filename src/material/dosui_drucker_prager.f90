@@ -12,13 +12,10 @@ module dosui_drucker_prager
   use dosui_kinds, only: wp
   use dosui_dimension, only: nsig
   use dosui_error, only: error_t
-  use dosui_isotropic_model, only: isotropic_model_t
+  use dosui_isotropic_model, only: isotropic_model_t, plastic_strain, opened
   use dosui_principal, only: deviator_of, elastic_matrix, tangent_from_invariants
   implicit none
   private
-
-  integer, parameter :: plastic_strain = 1   ! state variable: plastic shear strain [-]
-  integer, parameter :: opened = 2           ! likewise: opened volume over volume [-]
 
   type, extends(isotropic_model_t), public :: drucker_prager_t
     real(wp) :: eta = 0.0_wp             !! slope of the cone [-]
@@ -45,21 +42,13 @@ contains
     !! 'compression', 'extension' or 'plane_strain'
 
     call self%set_elasticity(young_modulus, poisson_ratio)
-    self%is_nonlinear = .true.
     self%eta = slope_of(friction)
     self%flow = slope_of(dilation)
     self%strength = cohesion*factor_of(friction)
     self%largest_mean = tensile_strength
     if (self%eta > 0.0_wp) self%largest_mean = min(tensile_strength, self%strength/self%eta)
     self%can_open = .not. self%largest_mean > 0.0_wp
-    if (self%can_open) then
-      self%state_strains = [opened]
-      self%state_names = [character(len=32) :: 'plastic_shear_strain', 'opened_volume']
-      self%state_units = [character(len=8) :: '-', '-']
-    else
-      self%state_names = [character(len=32) :: 'plastic_shear_strain']
-      self%state_units = [character(len=8) :: '-']
-    end if
+    call self%name_plastic_state(self%can_open)
 
   contains
 
@@ -86,7 +75,7 @@ contains
   end subroutine drucker_prager_init
 
   subroutine drucker_prager_update_stress(self, n, strain_increment, stress, state, err, tangent)
-    !! Stresses after strain increments, and their consistent tangents. Cannot fail.
+    !! Stresses after strain increments, and their consistent tangents. Numbers cannot fail.
     class(drucker_prager_t), intent(in) :: self
     integer, intent(in) :: n
     real(wp), intent(in) :: strain_increment(nsig, n)
@@ -95,7 +84,7 @@ contains
     type(error_t), intent(inout) :: err
     real(wp), intent(out), optional :: tangent(nsig, nsig, n)
     real(wp) :: elastic(nsig, nsig), deviator(nsig), trial_mean, trial_length, mean, length
-    real(wp) :: of_mean(2), of_length(2), bulk, multiplier
+    real(wp) :: of_mean(2), of_length(2), bulk, multiplier, new(nsig)
     integer :: p
     logical :: is_elastic
 
@@ -103,20 +92,24 @@ contains
     bulk = self%bulk_modulus()
     elastic = elastic_matrix(self%lambda, self%shear)
     do p = 1, n
-      stress(:, p) = stress(:, p) + matmul(elastic, strain_increment(:, p))
-      if (self%can_open) then   ! what has opened must close first
-        stress(1:3, p) = stress(1:3, p) + bulk*state(opened, p)
-        state(opened, p) = 0.0_wp
+      new = stress(:, p) + matmul(elastic, strain_increment(:, p))
+      if (self%can_open) new(1:3) = new(1:3) + bulk*state(opened, p)   ! that must close first
+      call deviator_of(new, trial_mean, deviator, trial_length)
+      if (present(tangent)) tangent(:, :, p) = elastic
+      if (.not. abs(trial_mean) + trial_length <= huge(1.0_wp)) then
+        call self%explain('Drucker-Prager: no numbers', strain_increment(:, p), stress(:, p), &
+                          state(:, p), err)
+        cycle
       end if
-      call deviator_of(stress(:, p), trial_mean, deviator, trial_length)
+      if (self%can_open) state(opened, p) = 0.0_wp
+      stress(:, p) = new
       call return_to_cone(self, bulk, trial_mean, trial_length, mean, length, of_mean, of_length, &
                           is_elastic)
-      if (present(tangent)) tangent(:, :, p) = elastic
       if (is_elastic) cycle
       if (trial_length > 0.0_wp) stress(:, p) = deviator*(length/trial_length)
       stress(1:3, p) = stress(1:3, p) + mean
       if (.not. trial_length > 0.0_wp) stress(1:3, p) = mean
-      multiplier = (trial_length - length)/self%shear
+      multiplier = max(0.0_wp, trial_length - length)/self%shear
       state(plastic_strain, p) = state(plastic_strain, p) + multiplier
       if (self%can_open .and. .not. mean < self%largest_mean) then
         ! at the cut-off; soil that carries nothing does not dilate either
@@ -156,12 +149,15 @@ contains
       of_mean = [1.0_wp, 0.0_wp] - bulk*self%flow/stiffness*[self%eta, 1.0_wp]
       of_length = [0.0_wp, 1.0_wp] - self%shear/stiffness*[self%eta, 1.0_wp]
     end if
-    if (mean <= self%largest_mean .and. length >= 0.0_wp) return
+    if (mean <= self%largest_mean) then
+      length = max(0.0_wp, length)   ! below zero by round-off only: the cut-off ends at the apex
+      return
+    end if
     mean = self%largest_mean   ! the cut-off, and its edge with the cone
     of_mean = 0.0_wp
     length = trial_length
     of_length = [0.0_wp, 1.0_wp]
-    if (length + self%eta*mean > self%strength) then
+    if (length + self%eta*mean >= self%strength) then
       length = max(0.0_wp, self%strength - self%eta*mean)
       of_length = 0.0_wp
     end if

@@ -7,11 +7,17 @@ module dosui_isotropic_model
   implicit none
   private
 
+  integer, parameter, public :: plastic_strain = 1
+  !! state variable of soils that yield: plastic shear strain [-]
+  integer, parameter, public :: opened = 2
+  !! of those that carry no tension: opened volume over volume [-]
+
   type, abstract, extends(material_model_t), public :: isotropic_model_t
     real(wp) :: lambda = 0.0_wp   !! first Lame constant [Pa]
     real(wp) :: shear = 0.0_wp    !! G [Pa]
   contains
     procedure :: set_elasticity => isotropic_model_set_elasticity
+    procedure :: name_plastic_state => isotropic_model_name_plastic_state
     procedure :: tangent => isotropic_model_tangent
     procedure :: constrained_modulus => isotropic_model_constrained_modulus
     procedure :: shear_modulus => isotropic_model_shear_modulus
@@ -29,6 +35,22 @@ contains
     self%shear = young_modulus/(2.0_wp*(1.0_wp + poisson_ratio))
     self%lambda = 2.0_wp*self%shear*poisson_ratio/(1.0_wp - 2.0_wp*poisson_ratio)
   end subroutine isotropic_model_set_elasticity
+
+  pure subroutine isotropic_model_name_plastic_state(self, can_open)
+    !! Names the state variables of a soil that yields.
+    class(isotropic_model_t), intent(inout) :: self
+    logical, intent(in) :: can_open   !! remembers what must close before it carries anything
+
+    self%is_nonlinear = .true.
+    if (can_open) then
+      self%state_strains = [opened]
+      self%state_names = [character(len=32) :: 'plastic_shear_strain', 'opened_volume']
+      self%state_units = [character(len=8) :: '-', '-']
+    else
+      self%state_names = [character(len=32) :: 'plastic_shear_strain']
+      self%state_units = [character(len=8) :: '-']
+    end if
+  end subroutine isotropic_model_name_plastic_state
 
   subroutine isotropic_model_tangent(self, stress, state, tangent)
     !! The elastic matrix, the same at every stress.

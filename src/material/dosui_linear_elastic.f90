@@ -1,5 +1,6 @@
 !! Isotropic linear elasticity: sigma = lambda tr(epsilon) I + 2 G epsilon.
 module dosui_linear_elastic
+  use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
   use dosui_kinds, only: wp
   use dosui_dimension, only: nsig
   use dosui_error, only: error_t
@@ -25,7 +26,7 @@ contains
   end subroutine linear_elastic_init
 
   subroutine linear_elastic_update_stress(self, n, strain_increment, stress, state, err, tangent)
-    !! Adds the stress increments of a batch of points; needs no state and cannot fail.
+    !! Adds the stress increments of a batch of points; needs no state. Numbers cannot fail.
     class(linear_elastic_t), intent(in) :: self
     integer, intent(in) :: n
     real(wp), intent(in) :: strain_increment(nsig, n)
@@ -33,10 +34,18 @@ contains
     real(wp), intent(inout) :: state(:, :)
     type(error_t), intent(inout) :: err
     real(wp), intent(out), optional :: tangent(nsig, nsig, n)
+    integer :: p
 
     if (present(tangent)) tangent = spread(elastic_matrix(self%lambda, self%shear), 3, n)
     if (err%failed() .or. size(state, 1) > 0) return   ! it has no state
     call add_elastic_stress(self%lambda, self%shear, n, strain_increment, stress)
+    if (are_numbers(nsig*n, stress)) return
+    do p = 1, n
+      if (.not. all(ieee_is_finite(stress(:, p)))) then
+        call self%explain('linear elasticity: no numbers', strain_increment(:, p), stress(:, p), &
+                          state(:, p), err)
+      end if
+    end do
   end subroutine linear_elastic_update_stress
 
   pure subroutine add_elastic_stress(lambda, shear, n, strain_increment, stress)
@@ -57,4 +66,18 @@ contains
       stress(4:, p) = stress(4:, p) + shear*strain_increment(4:, p)
     end do
   end subroutine add_elastic_stress
+
+  pure logical function are_numbers(m, values)
+    !! Kernel: is the sum finite? Eight sums, so that none waits for the one before.
+    integer, intent(in) :: m
+    real(wp), intent(in) :: values(m)
+    real(wp) :: total(8)
+    integer :: i
+
+    total = 0.0_wp
+    do i = 1, m - 7, 8
+      total = total + values(i:i + 7)
+    end do
+    are_numbers = ieee_is_finite(sum(total) + sum(values(m - mod(m, 8) + 1:m)))
+  end function are_numbers
 end module dosui_linear_elastic

@@ -1,8 +1,10 @@
 !! What every constitutive model of the soil skeleton offers.
 module dosui_material_model
+  use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
   use dosui_kinds, only: wp
   use dosui_dimension, only: nsig
   use dosui_error, only: error_t
+  use dosui_text, only: to_text
   implicit none
   private
 
@@ -24,9 +26,10 @@ module dosui_material_model
   contains
     procedure(update_stress_interface), deferred :: update_stress
     procedure(tangent_interface), deferred :: tangent
-    procedure(modulus_interface), deferred :: constrained_modulus
     procedure(modulus_interface), deferred :: shear_modulus
     procedure(modulus_interface), deferred :: bulk_modulus
+    procedure :: constrained_modulus => material_model_constrained_modulus
+    procedure :: explain => material_model_explain
     procedure :: n_state => material_model_n_state
     procedure :: state_name => material_model_state_name
     procedure :: state_unit => material_model_state_unit
@@ -35,7 +38,9 @@ module dosui_material_model
 
   abstract interface
     subroutine update_stress_interface(self, n, strain_increment, stress, state, err, tangent)
-      !! Adds the stress increments of a batch of points.
+      !! Adds the stress increments of a batch of points. Increments up to 0.1 from admissible
+      !! states do not fail unless the soil cannot exist afterwards (closed pores). A point that
+      !! fails is explained and stays as it is.
       import :: material_model_t, wp, nsig, error_t
       implicit none
       class(material_model_t), intent(in) :: self
@@ -67,6 +72,52 @@ module dosui_material_model
   end interface
 
 contains
+
+  pure real(wp) function material_model_constrained_modulus(self) result(modulus)
+    !! M = K + 4 G/3 [Pa].
+    class(material_model_t), intent(in) :: self
+
+    modulus = self%bulk_modulus() + 4.0_wp*self%shear_modulus()/3.0_wp
+  end function material_model_constrained_modulus
+
+  subroutine material_model_explain(self, what, strain, stress, state, err)
+    !! An error value that tells what failed, and from which state.
+    class(material_model_t), intent(in) :: self
+    character(len=*), intent(in) :: what       !! the model and what happened
+    real(wp), intent(in) :: strain(nsig)       !! increment, 2 x shear [-]
+    real(wp), intent(in) :: stress(nsig)       !! before, effective, tension positive [Pa]
+    real(wp), intent(in) :: state(:)           !! before; more may follow
+    type(error_t), intent(inout) :: err
+    character(len=:), allocatable :: text
+    integer :: k
+
+    if (err%failed()) return
+    text = what
+    if (.not. all(ieee_is_finite([strain, stress, state]))) then
+      text = what(:index(what, ':'))//' strains, stresses or state variables are no numbers'
+    end if
+    text = text//'; strain increment'//list_of(strain, '-')//', effective stress before'// &
+           list_of(stress, 'Pa')
+    do k = 1, min(2, self%n_state())
+      text = text//', '//trim(self%state_name(k))//' '//to_text(state(k), 6)
+    end do
+    call err%set(text)
+
+  contains
+
+    pure function list_of(values, unit) result(list)
+      real(wp), intent(in) :: values(:)
+      character(len=*), intent(in) :: unit
+      character(len=:), allocatable :: list
+      integer :: i
+
+      list = ''
+      do i = 1, size(values)
+        list = list//' '//to_text(values(i), 6)
+      end do
+      if (unit /= '-') list = list//' '//unit
+    end function list_of
+  end subroutine material_model_explain
 
   pure integer function material_model_n_state(self) result(n_state)
     !! State variables per point.

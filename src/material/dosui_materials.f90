@@ -105,8 +105,9 @@ contains
       if (.not. (material%young_modulus > 0.0_wp .or. material%rigid)) then
         call err%set('material '''//trim(material%name)//''': young_modulus must be positive')
       end if
-      if (err%failed()) return
     end if
+    call check_constants(material, err)
+    if (err%failed()) return
     select case (material%model)
     case ('linear_elastic')
       call elastic%init(material%young_modulus, material%poisson_ratio)
@@ -125,6 +126,26 @@ contains
                    'drucker_prager, cam_clay, dafalias_manzari)')
     end select
   end subroutine create_material
+
+  subroutine check_constants(material, err)
+    !! Constants that fit each other.
+    type(material_t), intent(in) :: material
+    type(error_t), intent(inout) :: err
+
+    select case (material%model)
+    case ('mohr_coulomb', 'drucker_prager')
+      if (material%dilation_angle > material%friction_angle) then
+        call err%set('material '''//trim(material%name)//''': dilation_angle must not exceed '// &
+                     'friction_angle (such a soil gives work when it is sheared)')
+      end if
+    case ('cam_clay')
+      if (.not. material%swelling_index < material%compression_index) then
+        call err%set('material '''//trim(material%name)//''': swelling_index must be below '// &
+                     'compression_index')
+      end if
+    case default   ! every value fits
+    end select
+  end subroutine check_constants
 
   subroutine create_mohr_coulomb(material, model)
     !! Planes of strength from the scene's constants.

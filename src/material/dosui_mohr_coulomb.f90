@@ -16,7 +16,7 @@ module dosui_mohr_coulomb
   use dosui_kinds, only: wp
   use dosui_dimension, only: nsig
   use dosui_error, only: error_t
-  use dosui_isotropic_model, only: isotropic_model_t
+  use dosui_isotropic_model, only: isotropic_model_t, plastic_strain, opened
   use dosui_principal, only: elastic_matrix, principal_stresses, stress_from_principal, &
                              tangent_from_principal
   implicit none
@@ -29,11 +29,11 @@ module dosui_mohr_coulomb
                         6, 15, 16, 23, 24, 25, 26, 34, 35, 36, 46, 56, 125, 126, &
                         135, 136, 146, 156, 234, 235, 236, 245, 246, 256, 345, 346, 356]
   real(wp), parameter :: slack = 1.0e-10_wp   ! of planes, over the stress [-]
+  integer, parameter :: refinements = 2
+  integer, parameter :: most_attempts = 5     ! with refined solutions and ten times the slack each
   real(wp), parameter :: round_off = 1.0e-13_wp   ! of stresses, over the bulk modulus [-]
   real(wp), parameter :: regular = 1.0e-12_wp   ! pivots and determinants beyond, over the entries
   real(wp), parameter :: unlimited = 0.5_wp*huge(1.0_wp)   ! strengths beyond are none [Pa]
-  integer, parameter :: plastic_strain = 1      ! state variable: plastic shear strain [-]
-  integer, parameter :: opened = 2              ! likewise: opened volume over volume [-]
 
   type :: planes_t
     !! Planes normal . s <= strength and their plastic flow.
@@ -42,7 +42,6 @@ module dosui_mohr_coulomb
     real(wp) :: back(3, n_plane)             !! elastic stress of that strain [Pa]
     real(wp) :: product(n_plane, n_plane)    !! normal^T back [Pa]
     real(wp) :: strength(n_plane)            !! [Pa]
-    real(wp) :: largest                      !! of the limited strengths, absolute [Pa]
     logical :: is_limited(n_plane)           !! the others have no strength that counts
   end type planes_t
   type, extends(isotropic_model_t), public :: mohr_coulomb_t
@@ -68,19 +67,11 @@ contains
     real(wp), intent(in) :: poisson_ratio   !! nu, drained [-]
 
     call self%set_elasticity(young_modulus, poisson_ratio)
-    self%is_nonlinear = .true.
     self%can_open = .not. self%tensile_strength > 0.0_wp
     if (self%friction > 0.0_wp .and. .not. self%cohesion > 0.0_wp) self%can_open = .true.
     if (self%softening_strain > 0.0_wp .and. self%residual_friction > 0.0_wp .and. &
         .not. self%residual_cohesion > 0.0_wp) self%can_open = .true.
-    if (self%can_open) then
-      self%state_strains = [opened]
-      self%state_names = [character(len=32) :: 'plastic_shear_strain', 'opened_volume']
-      self%state_units = [character(len=8) :: '-', '-']
-    else
-      self%state_names = [character(len=32) :: 'plastic_shear_strain']
-      self%state_units = [character(len=8) :: '-']
-    end if
+    call self%name_plastic_state(self%can_open)
   end subroutine mohr_coulomb_init
 
   subroutine mohr_coulomb_update_stress(self, n, strain_increment, stress, state, err, tangent)
@@ -93,7 +84,7 @@ contains
     type(error_t), intent(inout) :: err
     real(wp), intent(out), optional :: tangent(nsig, nsig, n)
     real(wp) :: elastic(nsig, nsig), trial(3), vector(3, 3), value(3), strain(3), inverse(3, 3)
-    real(wp) :: bulk
+    real(wp) :: bulk, new(nsig)
     type(planes_t) :: planes
     integer :: active(3), p
     logical :: is_elastic, is_solved
@@ -102,19 +93,22 @@ contains
     bulk = self%bulk_modulus()
     call find_planes(self, 0.0_wp, planes)
     do p = 1, n
-      stress(:, p) = stress(:, p) + matmul(elastic, strain_increment(:, p))
-      if (self%can_open) then   ! what has opened must close first
-        stress(1:3, p) = stress(1:3, p) + bulk*state(opened, p)
-        state(opened, p) = 0.0_wp
-      end if
+      new = stress(:, p) + matmul(elastic, strain_increment(:, p))
+      if (self%can_open) new(1:3) = new(1:3) + bulk*state(opened, p)   ! that must close first
       if (present(tangent)) tangent(:, :, p) = elastic
-      call principal_stresses(stress(:, p), trial, vector)
+      call principal_stresses(new, trial, vector)
       if (self%softening_strain > 0.0_wp) call find_planes(self, state(plastic_strain, p), planes)
       call return_to_planes(trial, planes, value, strain, active, inverse, is_elastic, is_solved)
+      if (.not. (is_solved .and. abs(sum(new)) <= huge(1.0_wp))) then   ! the latter: numbers
+        call self%explain('Mohr-Coulomb: no admissible stress', strain_increment(:, p), &
+                          stress(:, p), state(:, p), err)
+        cycle
+      end if
+      if (self%can_open) state(opened, p) = 0.0_wp
+      stress(:, p) = new
       if (is_elastic) cycle
-      if (.not. is_solved) call err%set('Mohr-Coulomb: no admissible stress')
       stress(:, p) = stress_from_principal(value, vector)
-      state(plastic_strain, p) = state(plastic_strain, p) + maxval(strain) - minval(strain)
+      state(plastic_strain, p) = state(plastic_strain, p) + (maxval(strain) - minval(strain))
       if (self%can_open) then
         if (is_apart(trial, value, planes, bulk)) state(opened, p) = max(0.0_wp, sum(strain))
       end if
@@ -160,7 +154,6 @@ contains
       end if
     end do
     planes%is_limited = planes%strength < unlimited
-    planes%largest = maxval(abs(planes%strength), mask=planes%is_limited)
     do k = 1, n_plane
       planes%back(:, k) = 2.0_wp*self%shear*planes%flow(:, k) + self%lambda*sum(planes%flow(:, k))
     end do
@@ -177,8 +170,9 @@ contains
     integer, intent(out) :: active(3)            !! planes, 0: fewer
     real(wp), intent(out) :: inverse(3, 3)       !! of their part of planes%product [1/Pa]
     logical, intent(out) :: is_elastic, is_solved
-    real(wp) :: excess(n_plane), scale, limit
-    integer :: k, set
+    real(wp) :: excess(n_plane), scale, limit(n_plane)
+    real(wp) :: allowed
+    integer :: attempt, k, set
     logical :: is_upper
 
     value = trial
@@ -189,16 +183,21 @@ contains
     scale = max(abs(trial(1)), abs(trial(3)))
     excess = excess_of(planes, trial)
     is_elastic = max(excess(1), excess(4)) <= slack*scale   ! the others have less
+    is_solved = is_elastic
     if (is_elastic) return
-    limit = slack*(scale + planes%largest)
+    limit = slack*(scale + abs(planes%strength))   ! of unlimited ones: not used
     is_upper = trial(1) - trial(2) < trial(2) - trial(3)
-    do k = 1, n_set
-      set = sets(k)
-      if (k == 2 .and. is_upper) set = sets(3)   ! the nearer edge first
-      if (k == 3 .and. is_upper) set = sets(2)
-      active = [mod(set, 10), mod(set/10, 10), set/100]
-      call try_planes(trial, planes, excess, limit, active, value, strain, inverse, is_solved)
-      if (is_solved) return
+    do attempt = 0, most_attempts
+      allowed = 10.0_wp**max(0, attempt - 1)
+      do k = 1, n_set
+        set = sets(k)
+        if (k == 2 .and. is_upper) set = sets(3)   ! the nearer edge first
+        if (k == 3 .and. is_upper) set = sets(2)
+        active = [mod(set, 10), mod(set/10, 10), set/100]
+        call try_planes(trial, planes, excess, allowed*limit, allowed*slack, attempt > 0, active, &
+                        value, strain, inverse, is_solved)
+        if (is_solved) return
+      end do
     end do
   end subroutine return_to_planes
 
@@ -218,17 +217,19 @@ contains
     end do
   end function excess_of
 
-  pure subroutine try_planes(trial, planes, excess, limit, active, value, strain, inverse, &
-                             is_solved)
+  pure subroutine try_planes(trial, planes, excess, limit, pull, is_refined, active, value, &
+                             strain, inverse, is_solved)
     !! Solves with these planes active; accepts what breaks no plane and pulls none.
     real(wp), intent(in) :: trial(3)
     type(planes_t), intent(in) :: planes
-    real(wp), intent(in) :: excess(n_plane), limit      !! [Pa]
+    real(wp), intent(in) :: excess(n_plane), limit(n_plane)   !! [Pa]
+    real(wp), intent(in) :: pull             !! least multiplier over the largest one [-]
+    logical, intent(in) :: is_refined        !! solved to round-off where moduli are far apart
     integer, intent(in) :: active(3)
     real(wp), intent(inout) :: value(3), strain(3)      !! set if accepted
     real(wp), intent(out) :: inverse(3, 3)
     logical, intent(out) :: is_solved
-    real(wp) :: multiplier(3), candidate(3)
+    real(wp) :: multiplier(3), candidate(3), correction(n_plane)
     integer :: a, b, n
     logical :: is_regular
 
@@ -250,14 +251,25 @@ contains
       call invert_small(n, inverse, is_regular)
       if (.not. is_regular) return
       multiplier(1:n) = matmul(inverse(1:n, 1:n), excess(active(1:n)))
-      if (minval(multiplier(1:n)) < -slack*maxval(abs(multiplier(1:n)))) return
+      if (minval(multiplier(1:n)) < -pull*maxval(abs(multiplier(1:n)))) return
     end if
     candidate = trial
     do a = 1, n
       candidate = candidate - planes%back(:, active(a))*multiplier(a)
     end do
-    if (candidate(1) < candidate(2) - limit .or. candidate(2) < candidate(3) - limit) return
-    if (maxval(excess_of(planes, candidate)) > limit) return
+    if (is_refined) then
+      do b = 1, refinements
+        correction = excess_of(planes, candidate)
+        correction(1:n) = matmul(inverse(1:n, 1:n), correction(active(1:n)))
+        multiplier(1:n) = multiplier(1:n) + correction(1:n)
+        do a = 1, n
+          candidate = candidate - planes%back(:, active(a))*correction(a)
+        end do
+      end do
+      if (minval(multiplier(1:n)) < -pull*maxval(abs(multiplier(1:n)))) return
+    end if
+    if (candidate(1) < candidate(2) - limit(1) .or. candidate(2) < candidate(3) - limit(1)) return
+    if (any(excess_of(planes, candidate) > limit)) return
     is_solved = .true.
     value = candidate
     strain = 0.0_wp
@@ -273,7 +285,7 @@ contains
     real(wp), intent(in) :: bulk                 !! modulus [Pa]
 
     is_apart = planes%strength(4) <= 0.0_wp .and. &
-               maxval(abs(value)) <= slack*(maxval(abs(trial)) + planes%largest) + round_off*bulk
+               maxval(abs(value)) <= slack*maxval(abs(trial)) + round_off*bulk
   end function is_apart
 
   pure function derivative_of(planes, active, inverse) result(derivative)

@@ -205,7 +205,7 @@ contains
     one = 0.0_wp
     one(1:3) = 1.0_wp
     along = 0.0_wp
-    ratio = 1.0_wp
+    ratio = of_length(2)   ! the limit without a deviator
     if (trial_length > 0.0_wp) then
       along = trial/trial_length
       ratio = length/trial_length

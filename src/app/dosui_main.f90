@@ -8,10 +8,13 @@ program dosui_main
   use dosui_communicator, only: communicator_t, parallel_start, parallel_stop
   use dosui_directories, only: make_directory
   use dosui_element_tests, only: element_tests
+  use dosui_environment, only: choose_mpi_io
   use dosui_error, only: error_t
-  use dosui_exit, only: exit_with
+  use dosui_exit, only: exit_at_once, exit_with
+  use dosui_hdf5, only: hdf5_has_open_files
   use dosui_kinds, only: wp
   use dosui_log, only: log_t
+  use dosui_numbers, only: text_as_real
   use dosui_petsc, only: petsc_stop
   use dosui_problems, only: problems_t
   use dosui_scene, only: scene_t
@@ -29,6 +32,7 @@ program dosui_main
   integer :: status
 
   call return_large_arrays()
+  call choose_mpi_io()
   call parallel_start(comm, err)
   call log%init(comm%is_root())
   call read_command_line(line, err)
@@ -54,6 +58,7 @@ program dosui_main
   else
     call run(status)
   end if
+  if (comm%any(hdf5_has_open_files())) call exit_at_once(status)   ! of a full disk
   call petsc_stop()
   call parallel_stop()
   call exit_with(status)
@@ -105,14 +110,15 @@ contains
     integer, intent(out) :: status
     character(len=:), allocatable :: table
     real(wp) :: pressure
-    integer :: failure
+    character(len=:), allocatable :: reason
 
     status = status_finished
-    failure = 0
+    reason = ''
     pressure = 1.0e5_wp
-    if (len(line%pressure) > 0) read (line%pressure, *, iostat=failure) pressure
-    if (failure /= 0 .or. .not. (pressure > 0.0_wp .and. pressure < huge(1.0_wp))) then
-      call err%set('--elements='//line%pressure//': the pressure must be > 0 [Pa]')
+    if (len(line%pressure) > 0) call text_as_real(line%pressure, pressure, reason)
+    if (len(reason) == 0 .and. .not. pressure > 0.0_wp) reason = 'must be > 0'
+    if (len(reason) > 0) then
+      call err%set('--elements='//line%pressure//': the pressure '//reason//' [Pa]')
     else
       call element_tests(scene, pressure, table, err)
       if (comm%is_root()) write (output_unit, '(a)', advance='no') table

@@ -11,6 +11,7 @@ program dosui_main
   use dosui_environment, only: choose_mpi_io
   use dosui_error, only: error_t
   use dosui_exit, only: exit_at_once, exit_with
+  use dosui_file_system, only: file_lock_t, lock_file, output_problem, unlock_file
   use dosui_hdf5, only: hdf5_has_open_files
   use dosui_kinds, only: wp
   use dosui_log, only: log_t
@@ -20,8 +21,9 @@ program dosui_main
   use dosui_scene, only: scene_t
   use dosui_scene_reader, only: read_scene
   use dosui_scene_template, only: write_group_docs, write_template
-  use dosui_simulation, only: run_scene, status_bad_input, status_finished, to_check, &
+  use dosui_simulation, only: run_scene, status_bad_input, status_failed, status_finished, to_check, &
                               to_find_safety, to_run
+  use dosui_signals, only: signals_of_writing
   implicit none
 
   type(communicator_t) :: comm
@@ -32,6 +34,7 @@ program dosui_main
   integer :: status
 
   call return_large_arrays()
+  call signals_of_writing()
   call choose_mpi_io()
   call parallel_start(comm, err)
   call log%init(comm%is_root())
@@ -47,7 +50,12 @@ program dosui_main
                   'compiler '//compiler//new_line('a')//'flags    '//flags)
   else if (line%is_template) then
     call write_template(template)
-    if (comm%is_root()) write (output_unit, '(a)', advance='no') template
+    if (comm%is_root()) call print_text(template, err)
+    call comm%agree(err)
+    if (err%failed()) then
+      call log%error(err%message)
+      status = status_failed
+    end if
   else if (len(line%docs) > 0) then
     if (comm%is_root()) call write_group_docs(line%docs, err)
     call comm%agree(err)
@@ -70,6 +78,7 @@ contains
     integer, intent(out) :: status
     type(scene_t) :: scene
     type(problems_t) :: problems
+    type(file_lock_t) :: lock
     character(len=:), allocatable :: stem
     integer :: purpose
 
@@ -101,8 +110,46 @@ contains
     purpose = to_run
     if (line%is_check) purpose = to_check
     if (line%is_safety) purpose = to_find_safety
+    if (comm%is_root() .and. purpose == to_run) call take_files(stem, lock, err)
+    call comm%agree(err)
+    if (err%failed()) then
+      call log%error(err%message)
+      status = status_bad_input
+      return
+    end if
     call run_scene(comm, scene, stem, line%restart, purpose, status)
+    call unlock_file(lock)
   end subroutine run
+
+  subroutine take_files(stem, lock, err)
+    !! The run's files are its own from now on: their names can be had, and no other run writes them.
+    character(len=*), intent(in) :: stem   !! directory and name without suffix
+    type(file_lock_t), intent(inout) :: lock
+    type(error_t), intent(inout) :: err
+    character(len=20), parameter :: suffix(5) = [character(len=20) :: &
+                                                 '.vtkhdf', '.vtkhdf.part', '.restart.h5', &
+                                                 '.restart.h5.tmp', '.restart.h5.previous']
+    character(len=:), allocatable :: reason
+    integer :: k
+
+    do k = 1, size(suffix)
+      reason = output_problem(stem//trim(suffix(k)))
+      if (len(reason) > 0) call err%set('cannot write '//stem//trim(suffix(k))//': '//reason)
+    end do
+    if (.not. err%failed()) call lock_file(lock, stem//'.lock', err)
+  end subroutine take_files
+
+  subroutine print_text(text, err)
+    !! A text on standard output, where it is what was asked for.
+    character(len=*), intent(in) :: text
+    type(error_t), intent(inout) :: err
+    character(len=256) :: message
+    integer :: failure
+
+    write (output_unit, '(a)', advance='no', iostat=failure, iomsg=message) text
+    if (failure == 0) flush (output_unit, iostat=failure, iomsg=message)
+    if (failure /= 0) call err%set('cannot write to standard output: '//trim(message))
+  end subroutine print_text
 
   subroutine print_elements(scene, status)
     !! Laboratory tests of the scene's soils.
@@ -121,7 +168,7 @@ contains
       call err%set('--elements='//line%pressure//': the pressure '//reason//' [Pa]')
     else
       call element_tests(scene, pressure, table, err)
-      if (comm%is_root()) write (output_unit, '(a)', advance='no') table
+      if (comm%is_root()) call print_text(table, err)
     end if
     if (.not. err%failed()) return
     call log%error(err%message)

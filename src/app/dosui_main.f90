@@ -1,7 +1,6 @@
 !! The program of one dimension: dosui1d, dosui2d or dosui3d. The launcher `dosui` becomes the one
 !! that a scene needs.
 program dosui_main
-  use, intrinsic :: iso_fortran_env, only: output_unit
   use dosui_allocator, only: return_large_arrays
   use dosui_build_info, only: build_type, compiler, flags, git_hash, version
   use dosui_command_line, only: command_line_t, read_command_line, usage
@@ -11,7 +10,8 @@ program dosui_main
   use dosui_environment, only: choose_mpi_io
   use dosui_error, only: error_t
   use dosui_exit, only: exit_at_once, exit_with
-  use dosui_file_system, only: file_lock_t, lock_file, output_problem, unlock_file
+  use dosui_file_system, only: file_lock_t, lock_file, output_problem, unlock_file, &
+                               write_output
   use dosui_hdf5, only: hdf5_has_open_files
   use dosui_kinds, only: wp
   use dosui_log, only: log_t
@@ -50,7 +50,7 @@ program dosui_main
                   'compiler '//compiler//new_line('a')//'flags    '//flags)
   else if (line%is_template) then
     call write_template(template)
-    if (comm%is_root()) call print_text(template, err)
+    if (comm%is_root()) call write_output(template, err)
     call comm%agree(err)
     if (err%failed()) then
       call log%error(err%message)
@@ -139,18 +139,6 @@ contains
     if (.not. err%failed()) call lock_file(lock, stem//'.lock', err)
   end subroutine take_files
 
-  subroutine print_text(text, err)
-    !! A text on standard output, where it is what was asked for.
-    character(len=*), intent(in) :: text
-    type(error_t), intent(inout) :: err
-    character(len=256) :: message
-    integer :: failure
-
-    write (output_unit, '(a)', advance='no', iostat=failure, iomsg=message) text
-    if (failure == 0) flush (output_unit, iostat=failure, iomsg=message)
-    if (failure /= 0) call err%set('cannot write to standard output: '//trim(message))
-  end subroutine print_text
-
   subroutine print_elements(scene, status)
     !! Laboratory tests of the scene's soils.
     type(scene_t), intent(in) :: scene
@@ -168,7 +156,7 @@ contains
       call err%set('--elements='//line%pressure//': the pressure '//reason//' [Pa]')
     else
       call element_tests(scene, pressure, table, err)
-      if (comm%is_root()) call print_text(table, err)
+      if (comm%is_root()) call write_output(table, err)
     end if
     if (.not. err%failed()) return
     call log%error(err%message)

@@ -9,6 +9,7 @@ module dosui_file_system
   private
 
   public :: kind_of_file, input_problem, output_problem, remove_link, create_anew, writing_problem
+  public :: write_output
   public :: lock_file, unlock_file
 
   integer, parameter, public :: is_missing = 0, is_regular = 1, is_directory = 2, is_pipe = 3, &
@@ -41,6 +42,7 @@ module dosui_file_system
   integer(c_int), parameter :: everybody = 438   ! mode 0666, cut by the umask
   integer(c_int), parameter :: lock_exclusive = 2, lock_at_once = 4   ! of flock
   integer(c_int), parameter :: no_such_file = 2, would_block = 11, is_a_directory = 21   ! errno
+  integer(c_int), parameter :: standard_output = 1
   integer(c_int), parameter :: file_size = 1   ! of getrlimit
   integer, parameter :: type_mask = int(z'f000')
   integer, parameter :: most_attempts = 20     ! to lock a file that others remove meanwhile
@@ -287,6 +289,23 @@ contains
     if (posix_getrlimit(file_size, limits) /= 0_c_int .or. limits(1) < 0_c_int64_t) return
     text = 'File too large? ulimit -f allows '//to_text(limits(1))//' bytes'
   end function size_limit
+
+  subroutine write_output(text, err)
+    !! Writes a text to standard output; Fortran's own `flush` does not tell of a full disk.
+    character(len=*), intent(in) :: text
+    type(error_t), intent(inout) :: err
+    integer(c_size_t) :: n, done
+
+    done = 0
+    do while (done < len(text))
+      n = posix_write(standard_output, text(done + 1:), len(text, kind=c_size_t) - done)
+      if (n <= 0) then
+        call err%set('cannot write to standard output: '//text_of_error(last_error()))
+        return
+      end if
+      done = done + n
+    end do
+  end subroutine write_output
 
   ! ---------------------------------------------------------------- locks
 

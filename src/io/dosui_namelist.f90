@@ -429,7 +429,8 @@ contains
     integer :: next
 
     next = min(scanner%place + 1, len(scanner%text))
-    begins = scanner%next() == '$' .and. is_identifier(scanner%text(next:next))
+    begins = scanner%next() == '$' .and. &
+             verify(lower_case(scanner%text(next:next)), 'abcdefghijklmnopqrstuvwxyz') == 0
   end function begins_dollar
 
   subroutine complain_of_dollar(file, scanner, problems)

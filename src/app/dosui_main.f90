@@ -21,7 +21,7 @@ program dosui_main
   use dosui_scene, only: scene_t
   use dosui_scene_reader, only: read_scene
   use dosui_scene_template, only: write_group_docs, write_template
-  use dosui_simulation, only: run_scene, status_bad_input, status_failed, status_finished, to_check, &
+use dosui_simulation, only: run_scene, status_bad_input, status_failed, status_finished, to_check, &
                               to_find_safety, to_run
   use dosui_signals, only: signals_of_writing
   implicit none
@@ -122,7 +122,7 @@ contains
   end subroutine run
 
   subroutine take_files(stem, lock, err)
-    !! The run's files are its own from now on: their names can be had, and no other run writes them.
+    !! The run's files are its own from now on: their names can be had, no other run writes them.
     character(len=*), intent(in) :: stem   !! directory and name without suffix
     type(file_lock_t), intent(inout) :: lock
     type(error_t), intent(inout) :: err

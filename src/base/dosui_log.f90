@@ -116,6 +116,7 @@ contains
     integer :: status
 
     write (unit, '(a)', iostat=status) text
-    flush (unit, iostat=status)
+    if (status == 0) flush (unit, iostat=status)
+    if (status /= 0) return
   end subroutine write_line
 end module dosui_log

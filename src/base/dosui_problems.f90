@@ -107,7 +107,9 @@ contains
     if (present(unit)) target_unit = unit
     do k = 1, self%n
       write (target_unit, '(a)', iostat=status) self%text(k)
+      if (status /= 0) return   ! nobody reads
     end do
     flush (target_unit, iostat=status)
+    if (status /= 0) return
   end subroutine problems_report
 end module dosui_problems

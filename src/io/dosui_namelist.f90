@@ -112,7 +112,7 @@ contains
 
   pure subroutine end_lines(text)
     !! Carriage returns that end lines alone (of old Macs) become line feeds.
-    character(len=*), intent(inout) :: text
+    character(len=:), allocatable, intent(inout) :: text
     integer :: k
 
     do k = 1, len(text)

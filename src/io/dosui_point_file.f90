@@ -49,8 +49,9 @@ contains
         call find_columns(text(first:last), start, finish, n_word, column, has_names, message)
         if (has_names) cycle
       else if (n_word /= n_column) then
-        message = 'line '//to_text(number)//': has '//to_text(n_word)//' columns, the first line '// &
-                  'has '//to_text(n_column)//' (numbers have points, not commas)'
+        message = 'line '//to_text(number)//': has '//to_text(n_word)// &
+                  ' columns, the first line has '//to_text(n_column)// &
+                  ' (numbers have points, not commas)'
       end if
       if (len(message) > 0) exit
       n = n + 1

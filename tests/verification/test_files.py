@@ -1,4 +1,4 @@
-"""Files that dosui reads (one reader, damage) and writes (full disks, links, long paths, locks, signals)."""
+"""Files that dosui reads (one reader, damage) and writes (full disks, links, paths, locks)."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ from conftest import BIN, Runner
 COLUMN = """&scene title = 'A column' dimension = 1 integrator = 'quasi_static' /
 &grid spacing = 0.05 /
 &time end_time = 9.0 output_interval = 0.5 /
-&material name = 'soil' young_modulus = 1.0e6 poisson_ratio = 0.2 porosity = 0.3 hydraulic_conductivity = 1.0e-3 /
+&material name = 'soil' young_modulus = 1.0e6 poisson_ratio = 0.2 porosity = 0.3
+  hydraulic_conductivity = 1.0e-3 /
 &water bulk_modulus = 3.0e6 /
 &region name = 'column' material = 'soil' box_min = 0.0 box_max = 1.0 particles_per_cell = 1 /
 &surface name = 'base' region = 'column' face = 'z-' /
@@ -31,7 +32,11 @@ COLUMN = """&scene title = 'A column' dimension = 1 integrator = 'quasi_static' 
 &hydraulic_condition surface = 'top' kind = 'head' value = 0.0 /
 &output name = 'col' checkpoint_steps = 3 /
 """
-LONG = COLUMN.replace("quasi_static", "explicit").replace("0.05 /", "0.002 /").replace("3.0e6", "3.0e9")
+LONG = (
+    COLUMN.replace("quasi_static", "explicit")
+    .replace("0.05 /", "0.002 /")
+    .replace("3.0e6", "3.0e9")
+)
 
 
 # ---------------------------------------------------------------- reading
@@ -39,8 +44,24 @@ LONG = COLUMN.replace("quasi_static", "explicit").replace("0.05 /", "0.002 /").r
 
 def scene_head(dice: random.Random) -> str:
     """A &scene of one dimension as somebody might write it."""
-    blank = [" ", "", "\t", "  ", "\n", " ! not dimension = 3\n", "\n! &scene dimension = 2 /\n  ", "\t\t"]
-    titles = ["flow in dimension = 2", "Stop! a / b", "it's 1-D, $x", "&scene dimension = 3 /", "", "Böschung"]
+    blank = [
+        " ",
+        "",
+        "\t",
+        "  ",
+        "\n",
+        " ! not dimension = 3\n",
+        "\n! &scene dimension = 2 /\n  ",
+        "\t\t",
+    ]
+    titles = [
+        "flow in dimension = 2",
+        "Stop! a / b",
+        "it's 1-D, $x",
+        "&scene dimension = 3 /",
+        "",
+        "Böschung",
+    ]
     quote = dice.choice("'\"")
     title = dice.choice(titles).replace(quote, 2 * quote)
     keys = [
@@ -49,11 +70,17 @@ def scene_head(dice: random.Random) -> str:
         dice.choice(["integrator", "INTEGRATOR"]),
     ]
     values = [dice.choice(["1", "+1", "01", "1*1"]), f"{quote}{title}{quote}", "'quasi_static'"]
-    keys = [f"{key}{dice.choice(['', ' ', chr(9)])}={dice.choice(blank)}{v}" for key, v in zip(keys, values)]
+    keys = [
+        f"{key}{dice.choice(['', ' ', chr(9)])}={dice.choice(blank)}{v}"
+        for key, v in zip(keys, values, strict=True)
+    ]
     dice.shuffle(keys)
     between = [dice.choice([", ", " ", "\n", ",\t"]) for _ in keys]
-    body = "".join(key + part for key, part in zip(keys, between)).rstrip().rstrip(",")
-    first, last = dice.choice(["&scene ", "&SCENE\t", "&Scene\n"]), dice.choice([" /", "\n&end", "/"])
+    body = "".join(key + part for key, part in zip(keys, between, strict=True)).rstrip().rstrip(",")
+    first, last = (
+        dice.choice(["&scene ", "&SCENE\t", "&Scene\n"]),
+        dice.choice([" /", "\n&end", "/"]),
+    )
     return f"{first}{body}{last}\n"
 
 
@@ -69,7 +96,10 @@ def test_launcher_reads_as_the_programs(dosui: Runner, tmp_path: Path, seed: int
     outputs = []
     for program in ("dosui1d", "dosui"):
         run = subprocess.run(
-            [str(BIN / program), "--check", "scene.nml"], cwd=tmp_path, capture_output=True, timeout=60
+            [str(BIN / program), "--check", "scene.nml"],
+            cwd=tmp_path,
+            capture_output=True,
+            timeout=60,
         )
         assert run.returncode == 0, text + run.stderr.decode()
         outputs.append(run.stdout)
@@ -167,7 +197,10 @@ def small_disk(tmp_path: Path) -> Iterator:
     folder.mkdir()
 
     def mount(kilobytes: int) -> Path:
-        done = subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={kilobytes}k", "tmpfs", folder], capture_output=True)
+        done = subprocess.run(
+            ["mount", "-t", "tmpfs", "-o", f"size={kilobytes}k", "tmpfs", folder],
+            capture_output=True,
+        )
         if done.returncode != 0:
             pytest.skip("no disk can be mounted here")
         return folder
@@ -176,11 +209,15 @@ def small_disk(tmp_path: Path) -> Iterator:
     subprocess.run(["umount", folder], capture_output=True)
 
 
-@pytest.mark.parametrize(("kilobytes", "ranks"), [(8, 1), (100, 1), (180, 1), (260, 1), (260, 2), (340, 1)])
+@pytest.mark.parametrize(
+    ("kilobytes", "ranks"), [(8, 1), (100, 1), (180, 1), (260, 1), (260, 2), (340, 1)]
+)
 def test_full_disk(dosui: Runner, small_disk, kilobytes: int, ranks: int) -> None:
     """One message, status 1, no signal; steps and checkpoints written before can be read."""
     disk = small_disk(kilobytes)
-    text = COLUMN.replace("spacing = 0.05", "spacing = 0.005").replace("interval = 0.5", "interval = 0.05")
+    text = COLUMN.replace("spacing = 0.05", "spacing = 0.005").replace(
+        "interval = 0.5", "interval = 0.05"
+    )
     run = dosui(text, "--output", str(disk), ranks=ranks, timeout=100)
     assert run.status == 1, run.stderr
     errors = [line for line in run.stderr.splitlines() if "rror" in line]
@@ -188,7 +225,11 @@ def test_full_disk(dosui: Runner, small_disk, kilobytes: int, ranks: int) -> Non
     assert errors[0].startswith(f"error: cannot write {disk}/col.")
     assert errors[0].endswith(": No space left on device")
     assert ".part" not in errors[0] and ".tmp" not in errors[0]
-    assert not list(disk.glob("*.tmp")) and not list(disk.glob("*.try*")) and not list(disk.glob("*.lock"))
+    assert (
+        not list(disk.glob("*.tmp"))
+        and not list(disk.glob("*.try*"))
+        and not list(disk.glob("*.lock"))
+    )
     if (disk / "col.vtkhdf").exists():
         with h5py.File(disk / "col.vtkhdf") as file:
             n_steps = int(file["VTKHDF/Steps"].attrs["NSteps"])
@@ -202,7 +243,9 @@ def test_full_disk(dosui: Runner, small_disk, kilobytes: int, ranks: int) -> Non
 
 def test_file_larger_than_allowed(dosui: Runner, tmp_path: Path) -> None:
     """ulimit -f: an error and no signal."""
-    text = COLUMN.replace("spacing = 0.05", "spacing = 0.001").replace("interval = 0.5", "interval = 0.1")
+    text = COLUMN.replace("spacing = 0.05", "spacing = 0.001").replace(
+        "interval = 0.5", "interval = 0.1"
+    )
     (tmp_path / "scene.nml").write_text(text)
     limit = 6_000_000  # Open MPI itself needs 4 MB
     run = subprocess.run(
@@ -214,16 +257,23 @@ def test_file_larger_than_allowed(dosui: Runner, tmp_path: Path) -> None:
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)),
     )
     assert run.returncode == 1, run.stderr
-    assert run.stderr.strip() == f"error: cannot write ./col.vtkhdf: File too large? ulimit -f allows {limit} bytes"
+    assert (
+        run.stderr.strip()
+        == f"error: cannot write ./col.vtkhdf: File too large? ulimit -f allows {limit} bytes"
+    )
 
 
 def test_lost_output_lines_stop_nothing(dosui: Runner, tmp_path: Path) -> None:
-    """A full disk behind the log, or a reader that goes away; but a template that is lost is an error."""
+    """A full disk behind the log, a reader that goes away; but a lost template is an error."""
     (tmp_path / "scene.nml").write_text(COLUMN)
     with open("/dev/full", "w") as full:
-        run = subprocess.run([str(BIN / "dosui"), "scene.nml"], cwd=tmp_path, stdout=full, timeout=60)
+        run = subprocess.run(
+            [str(BIN / "dosui"), "scene.nml"], cwd=tmp_path, stdout=full, timeout=60
+        )
         assert run.returncode == 0
-        run = subprocess.run([str(BIN / "dosui"), "--template", "1"], stdout=full, stderr=subprocess.PIPE, timeout=60)
+        run = subprocess.run(
+            [str(BIN / "dosui"), "--template", "1"], stdout=full, stderr=subprocess.PIPE, timeout=60
+        )
         assert run.returncode == 1
         assert b"cannot write to standard output" in run.stderr
     reader, writer = os.pipe()
@@ -268,7 +318,10 @@ def test_long_paths(dosui: Runner, tmp_path: Path, length: int) -> None:
 
 def test_paths_longer_than_the_system_takes(dosui: Runner, tmp_path: Path) -> None:
     """Said before anything is computed."""
-    for length, message in ((4080, "col.restart.h5.previous: File name too long"), (4094, "is longer than the system")):
+    for length, message in (
+        (4080, "col.restart.h5.previous: File name too long"),
+        (4094, "is longer than the system"),
+    ):
         run = dosui(COLUMN, "--output", str(deep_folder(tmp_path, length)))
         assert run.status == 2
         assert message in run.stderr
@@ -289,19 +342,28 @@ def test_names_with_blanks_and_letters(dosui: Runner, tmp_path: Path) -> None:
     """Blanks, UTF-8, links to folders, by option and by key."""
     (tmp_path / "Grüße 1").mkdir()
     os.symlink("Grüße 1", tmp_path / "a link")
-    text = COLUMN.replace("'col'", "'Säule 1'").replace("checkpoint", "directory = 'a link' checkpoint")
+    text = COLUMN.replace("'col'", "'Säule 1'").replace(
+        "checkpoint", "directory = 'a link' checkpoint"
+    )
     run = dosui(text)
     assert run.status == 0, run.stderr
-    assert sorted(os.listdir(tmp_path / "Grüße 1")) == [f"Säule 1.{s}" for s in ("restart.h5", "restart.h5.previous", "vtkhdf")]
+    assert sorted(os.listdir(tmp_path / "Grüße 1")) == [
+        f"Säule 1.{s}" for s in ("restart.h5", "restart.h5.previous", "vtkhdf")
+    ]
     run = dosui(text, "--output", "neu & alt", "--restart", "a link/Säule 1.restart.h5")
     assert run.status == 0, run.stderr
     assert (tmp_path / "neu & alt" / "Säule 1.vtkhdf").exists()
 
 
-@pytest.mark.parametrize("name", ["col.vtkhdf", "col.vtkhdf.part", "col.restart.h5", "col.restart.h5.tmp"])
+@pytest.mark.parametrize(
+    "name", ["col.vtkhdf", "col.vtkhdf.part", "col.restart.h5", "col.restart.h5.tmp"]
+)
 def test_names_that_are_taken(dosui: Runner, tmp_path: Path, name: str) -> None:
     """By a directory or a pipe: said before anything is computed."""
-    for make, message in ((os.mkdir, "there is a directory of this name"), (os.mkfifo, "there is a pipe of this name")):
+    for make, message in (
+        (os.mkdir, "there is a directory of this name"),
+        (os.mkfifo, "there is a pipe of this name"),
+    ):
         make(tmp_path / name)
         run = dosui(COLUMN, timeout=30)
         assert run.status == 2, run.stdout
@@ -313,7 +375,11 @@ def test_names_that_are_taken(dosui: Runner, tmp_path: Path, name: str) -> None:
 def test_restart_from_what_is_no_checkpoint(dosui: Runner, tmp_path: Path) -> None:
     """A pipe, a folder, nothing."""
     os.mkfifo(tmp_path / "pipe")
-    for name, message in (("pipe", "it is a pipe"), (".", "it is a directory"), ("none", "there is no file none")):
+    for name, message in (
+        ("pipe", "it is a pipe"),
+        (".", "it is a directory"),
+        ("none", "there is no file none"),
+    ):
         run = dosui(COLUMN, "--restart", name, timeout=30)
         assert run.status == 2, run.stdout
         assert message in run.stderr
@@ -326,7 +392,10 @@ def start(folder: Path, *launcher: str) -> subprocess.Popen:
     """A long run whose first step is in its file."""
     (folder / "scene.nml").write_text(LONG)
     process = subprocess.Popen(
-        [*launcher, str(BIN / "dosui"), "scene.nml"], cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        [*launcher, str(BIN / "dosui"), "scene.nml"],
+        cwd=folder,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
     )
     deadline = time.monotonic() + 60
     while not (folder / "col.vtkhdf").exists():
@@ -364,7 +433,11 @@ def test_signals_write_a_checkpoint(dosui: Runner, tmp_path: Path, number: signa
     assert process.wait(timeout=60) == 3
     with h5py.File(tmp_path / "col.restart.h5") as file:
         step = int(file["values/clock"][1])
-    run = dosui(LONG.replace("end_time", f"maximum_steps = {step + 10} end_time"), "--restart", "col.restart.h5")
+    run = dosui(
+        LONG.replace("end_time", f"maximum_steps = {step + 10} end_time"),
+        "--restart",
+        "col.restart.h5",
+    )
     assert run.status == 0, run.stderr
     assert not (tmp_path / "col.lock").exists()
 

@@ -4,7 +4,7 @@ module dosui_exit
   implicit none
   private
 
-  public :: exit_with
+  public :: exit_with, exit_at_once
 
   interface
     subroutine c_exit(status) bind(c, name='exit')
@@ -12,6 +12,11 @@ module dosui_exit
       implicit none
       integer(c_int), value :: status
     end subroutine c_exit
+    subroutine posix_exit(status) bind(c, name='_exit')
+      import :: c_int
+      implicit none
+      integer(c_int), value :: status
+    end subroutine posix_exit
   end interface
 
 contains
@@ -22,4 +27,11 @@ contains
 
     call c_exit(int(status, c_int))
   end subroutine exit_with
+
+  subroutine exit_at_once(status)
+    !! Ends this process without the last words of its libraries.
+    integer, intent(in) :: status   !! exit status, 0 for success
+
+    call posix_exit(int(status, c_int))
+  end subroutine exit_at_once
 end module dosui_exit

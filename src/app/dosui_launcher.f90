@@ -4,7 +4,13 @@ program dosui_launcher
   use, intrinsic :: iso_c_binding, only: c_char, c_int, c_loc, c_null_char, c_null_ptr, c_ptr, &
                                                                             c_size_t
   use, intrinsic :: iso_fortran_env, only: error_unit
-  use dosui_text, only: lower_case, to_text
+  use dosui_command_line, only: command_line_t, read_command_line
+  use dosui_environment, only: suggest_variable
+  use dosui_error, only: error_t
+  use dosui_namelist, only: namelist_t, read_text_file
+  use dosui_problems, only: problems_t
+  use dosui_scene_dimension, only: scene_dimension
+  use dosui_text, only: to_text
   implicit none
 
   integer, parameter :: longest = 4096   ! path of Linux
@@ -25,12 +31,6 @@ program dosui_launcher
       character(kind=c_char), intent(out) :: buffer(*)
       integer(c_size_t), value :: size
     end function readlink
-    integer(c_int) function setenv(name, value, overwrite) bind(c, name='setenv')
-      import :: c_int, c_char
-      implicit none
-      character(kind=c_char), intent(in) :: name(*), value(*)
-      integer(c_int), value :: overwrite
-    end function setenv
     subroutine c_exit(status) bind(c, name='exit')
       import :: c_int
       implicit none
@@ -51,67 +51,24 @@ program dosui_launcher
 
 contains
 
-  function argument(k) result(text)
-    !! The k-th argument.
-    integer, intent(in) :: k
-    character(len=:), allocatable :: text
-    character(len=longest) :: buffer
-
-    call get_command_argument(k, buffer)
-    text = trim(buffer)
-  end function argument
-
   integer function wanted_dimension() result(n)
-    !! Dimension of the scene or the template asked for; 2 where nothing says it, so that the
-    !! executable reports what is wrong.
+    !! Dimension of the scene or the template asked for, read as the programs read them; 2 where
+    !! nothing says it, so that the program reports what is wrong.
+    type(command_line_t) :: line
+    type(namelist_t) :: namelist
+    type(problems_t) :: problems   ! the program's to report
+    type(error_t) :: err, read_error
     character(len=:), allocatable :: text
-    integer :: k
 
     n = 2
-    do k = 1, command_argument_count()
-      text = argument(k)
-      if (k > 1) then
-        if (argument(k - 1) == '--template' .and. verify(text, '123') == 0 .and. &
-            len(text) == 1) n = index('123', text)
-        if (argument(k - 1) == '--output' .or. argument(k - 1) == '--restart' .or. &
-            argument(k - 1) == '--docs') cycle
-      end if
-      if (len(text) == 0) cycle
-      if (text(1:1) == '-') then
-        if (index(text, '--template=') == 1) n = max(1, index('123', text(len(text):)))
-        cycle
-      end if
-      n = scene_dimension(text, n)
-    end do
+    call read_command_line(line, err)
+    if (line%dimension > 0) n = line%dimension
+    if (len(line%scene) == 0) return
+    call read_text_file(line%scene, text, read_error)
+    if (read_error%failed()) return
+    call namelist%scan(text, line%scene, problems, until='scene')
+    n = scene_dimension(namelist, n)
   end function wanted_dimension
-
-  integer function scene_dimension(path, default) result(n)
-    !! What the key `dimension` of a namelist says; comments are skipped.
-    character(len=*), intent(in) :: path
-    integer, intent(in) :: default
-    character(len=1024) :: line
-    integer :: unit, status, place, comment, value
-
-    n = default
-    open (newunit=unit, file=path, status='old', action='read', iostat=status)
-    if (status /= 0) return
-    do
-      read (unit, '(a)', iostat=status) line
-      if (status /= 0) exit
-      line = lower_case(line)
-      comment = index(line, '!')
-      if (comment > 0) line(comment:) = ''
-      place = index(line, 'dimension')
-      if (place == 0) cycle
-      line = adjustl(line(place + len('dimension'):))
-      if (line(1:1) /= '=') cycle
-      line = adjustl(line(2:))
-      value = index('123', line(1:1))
-      if (value > 0 .and. verify(line(2:2), ' ,/') == 0) n = value
-      exit
-    end do
-    close (unit)
-  end function scene_dimension
 
   function own_folder() result(folder)
     !! Folder of this program.
@@ -133,7 +90,7 @@ contains
     !! Large arrays on pages of 2 MB, with glibc 2.35 and later: 98 ns a particle-step become 79
     !! with 1e6 particles (2-D, coupled, small strain), and the memory stays the same. The library
     !! reads this when a program starts.
-    call suggest('GLIBC_TUNABLES', 'glibc.malloc.hugetlb=1')
+    call suggest_variable('GLIBC_TUNABLES', 'glibc.malloc.hugetlb=1')
   end subroutine ask_for_huge_pages
 
   subroutine ask_for_quick_start()
@@ -150,34 +107,34 @@ contains
       inquire (file=trim(cards(k))//'/.', exist=has_card)
       if (has_card) return
     end do
-    call suggest('OMPI_MCA_mtl', '^psm,psm2,ofi')
+    call suggest_variable('OMPI_MCA_mtl', '^psm,psm2,ofi')
   end subroutine ask_for_quick_start
-
-  subroutine suggest(name, value)
-    !! Sets an environment variable that the user has not set.
-    character(len=*), intent(in) :: name, value
-    integer(c_int) :: status
-
-    status = setenv(name//c_null_char, value//c_null_char, 0_c_int)
-    if (status /= 0) return   ! no memory for it: the programs do without
-  end subroutine suggest
 
   subroutine become(path)
     !! Replaces this process; returns only when that fails.
     character(len=*), intent(in) :: path
-    character(kind=c_char, len=longest + 1), allocatable, target :: arguments(:)
+    character(kind=c_char, len=:), allocatable, target :: arguments
     type(c_ptr), allocatable :: argv(:)
-    integer :: k, n
+    integer, allocatable :: first(:)
+    integer :: k, n, length
     integer(c_int) :: status
 
     n = command_argument_count()
-    allocate (arguments(0:n), argv(0:n + 1))
-    arguments(0) = path//c_null_char
+    allocate (first(0:n + 1), argv(0:n + 1))
+    first(0) = 1
+    first(1) = len(path) + 2
     do k = 1, n
-      arguments(k) = argument(k)//c_null_char
+      call get_command_argument(k, length=length)
+      first(k + 1) = first(k) + length + 1
+    end do
+    allocate (character(kind=c_char, len=first(n + 1) - 1) :: arguments)
+    arguments(:first(1) - 1) = path//c_null_char
+    do k = 1, n
+      call get_command_argument(k, arguments(first(k):first(k + 1) - 2))
+      arguments(first(k + 1) - 1:first(k + 1) - 1) = c_null_char
     end do
     do k = 0, n
-      argv(k) = c_loc(arguments(k))
+      argv(k) = c_loc(arguments(first(k):first(k)))
     end do
     argv(n + 1) = c_null_ptr
     status = execv(path//c_null_char, argv)

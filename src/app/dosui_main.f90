@@ -1,24 +1,29 @@
 !! The program of one dimension: dosui1d, dosui2d or dosui3d. The launcher `dosui` becomes the one
 !! that a scene needs.
 program dosui_main
-  use, intrinsic :: iso_fortran_env, only: output_unit
   use dosui_allocator, only: return_large_arrays
   use dosui_build_info, only: build_type, compiler, flags, git_hash, version
   use dosui_command_line, only: command_line_t, read_command_line, usage
   use dosui_communicator, only: communicator_t, parallel_start, parallel_stop
   use dosui_directories, only: make_directory
   use dosui_element_tests, only: element_tests
+  use dosui_environment, only: choose_mpi_io
   use dosui_error, only: error_t
-  use dosui_exit, only: exit_with
+  use dosui_exit, only: exit_at_once, exit_with
+  use dosui_file_system, only: file_lock_t, lock_file, output_problem, unlock_file, &
+                               write_output
+  use dosui_hdf5, only: hdf5_has_open_files
   use dosui_kinds, only: wp
   use dosui_log, only: log_t
+  use dosui_numbers, only: text_as_real
   use dosui_petsc, only: petsc_stop
   use dosui_problems, only: problems_t
   use dosui_scene, only: scene_t
   use dosui_scene_reader, only: read_scene
   use dosui_scene_template, only: write_group_docs, write_template
-  use dosui_simulation, only: run_scene, status_bad_input, status_finished, to_check, &
+use dosui_simulation, only: run_scene, status_bad_input, status_failed, status_finished, to_check, &
                               to_find_safety, to_run
+  use dosui_signals, only: signals_of_writing
   implicit none
 
   type(communicator_t) :: comm
@@ -29,6 +34,8 @@ program dosui_main
   integer :: status
 
   call return_large_arrays()
+  call signals_of_writing()
+  call choose_mpi_io()
   call parallel_start(comm, err)
   call log%init(comm%is_root())
   call read_command_line(line, err)
@@ -43,7 +50,12 @@ program dosui_main
                   'compiler '//compiler//new_line('a')//'flags    '//flags)
   else if (line%is_template) then
     call write_template(template)
-    if (comm%is_root()) write (output_unit, '(a)', advance='no') template
+    if (comm%is_root()) call write_output(template, err)
+    call comm%agree(err)
+    if (err%failed()) then
+      call log%error(err%message)
+      status = status_failed
+    end if
   else if (len(line%docs) > 0) then
     if (comm%is_root()) call write_group_docs(line%docs, err)
     call comm%agree(err)
@@ -54,6 +66,7 @@ program dosui_main
   else
     call run(status)
   end if
+  if (comm%any(hdf5_has_open_files())) call exit_at_once(status)   ! of a full disk
   call petsc_stop()
   call parallel_stop()
   call exit_with(status)
@@ -65,6 +78,7 @@ contains
     integer, intent(out) :: status
     type(scene_t) :: scene
     type(problems_t) :: problems
+    type(file_lock_t) :: lock
     character(len=:), allocatable :: stem
     integer :: purpose
 
@@ -96,8 +110,34 @@ contains
     purpose = to_run
     if (line%is_check) purpose = to_check
     if (line%is_safety) purpose = to_find_safety
+    if (comm%is_root() .and. purpose == to_run) call take_files(stem, lock, err)
+    call comm%agree(err)
+    if (err%failed()) then
+      call log%error(err%message)
+      status = status_bad_input
+      return
+    end if
     call run_scene(comm, scene, stem, line%restart, purpose, status)
+    call unlock_file(lock)
   end subroutine run
+
+  subroutine take_files(stem, lock, err)
+    !! The run's files are its own from now on: their names can be had, no other run writes them.
+    character(len=*), intent(in) :: stem   !! directory and name without suffix
+    type(file_lock_t), intent(inout) :: lock
+    type(error_t), intent(inout) :: err
+    character(len=20), parameter :: suffix(5) = [character(len=20) :: &
+                                                 '.vtkhdf', '.vtkhdf.part', '.restart.h5', &
+                                                 '.restart.h5.tmp', '.restart.h5.previous']
+    character(len=:), allocatable :: reason
+    integer :: k
+
+    do k = 1, size(suffix)
+      reason = output_problem(stem//trim(suffix(k)))
+      if (len(reason) > 0) call err%set('cannot write '//stem//trim(suffix(k))//': '//reason)
+    end do
+    if (.not. err%failed()) call lock_file(lock, stem//'.lock', err)
+  end subroutine take_files
 
   subroutine print_elements(scene, status)
     !! Laboratory tests of the scene's soils.
@@ -105,17 +145,18 @@ contains
     integer, intent(out) :: status
     character(len=:), allocatable :: table
     real(wp) :: pressure
-    integer :: failure
+    character(len=:), allocatable :: reason
 
     status = status_finished
-    failure = 0
+    reason = ''
     pressure = 1.0e5_wp
-    if (len(line%pressure) > 0) read (line%pressure, *, iostat=failure) pressure
-    if (failure /= 0 .or. .not. (pressure > 0.0_wp .and. pressure < huge(1.0_wp))) then
-      call err%set('--elements='//line%pressure//': the pressure must be > 0 [Pa]')
+    if (len(line%pressure) > 0) call text_as_real(line%pressure, pressure, reason)
+    if (len(reason) == 0 .and. .not. pressure > 0.0_wp) reason = 'must be > 0'
+    if (len(reason) > 0) then
+      call err%set('--elements='//line%pressure//': the pressure '//reason//' [Pa]')
     else
       call element_tests(scene, pressure, table, err)
-      if (comm%is_root()) write (output_unit, '(a)', advance='no') table
+      if (comm%is_root()) call write_output(table, err)
     end if
     if (.not. err%failed()) return
     call log%error(err%message)

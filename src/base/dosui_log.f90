@@ -109,11 +109,14 @@ contains
   end subroutine log_summary
 
   subroutine write_line(unit, text)
-    !! Writes and flushes, so that a pipe or a batch file shows every line at once.
+    !! Writes and flushes, so that a pipe or a batch file shows every line at once. A line that
+    !! cannot be written (full disk, reader gone) is lost: the run is worth more.
     integer, intent(in) :: unit
     character(len=*), intent(in) :: text
+    integer :: status
 
-    write (unit, '(a)') text
-    flush (unit)
+    write (unit, '(a)', iostat=status) text
+    if (status == 0) flush (unit, iostat=status)
+    if (status /= 0) return
   end subroutine write_line
 end module dosui_log

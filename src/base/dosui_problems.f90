@@ -101,13 +101,15 @@ contains
     !! Writes all problems, one a line.
     class(problems_t), intent(in) :: self
     integer, intent(in), optional :: unit   !! default: standard error
-    integer :: k, target_unit
+    integer :: k, target_unit, status
 
     target_unit = error_unit
     if (present(unit)) target_unit = unit
     do k = 1, self%n
-      write (target_unit, '(a)') self%text(k)
+      write (target_unit, '(a)', iostat=status) self%text(k)
+      if (status /= 0) return   ! nobody reads
     end do
-    flush (target_unit)
+    flush (target_unit, iostat=status)
+    if (status /= 0) return
   end subroutine problems_report
 end module dosui_problems

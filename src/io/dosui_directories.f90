@@ -49,6 +49,8 @@ contains
     reason = ''
     if (len_trim(path) == 0) then
       reason = 'must not be empty'
+    else if (len(path) + 2 >= longest_path) then
+      reason = 'is longer than the system takes'
     else if (has_access(path, is_there)) then
       if (.not. has_access(path//'/.', is_there)) then
         reason = 'is no directory'

@@ -7,10 +7,11 @@
 !! full disk seen by one rank cannot hang the others.)
 module dosui_hdf5
   use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_f_pointer, c_funloc, c_funptr
-  use, intrinsic :: iso_c_binding, only: c_int, c_int64_t, c_loc, c_null_char, c_ptr
+  use, intrinsic :: iso_c_binding, only: c_int, c_int64_t, c_loc, c_null_char, c_ptr, c_size_t
   use hdf5, only: hid_t, hsize_t, size_t, h5_integer_kind, h5kind_to_type, &
                   h5open_f, h5iis_valid_f, h5eset_auto_f, &
                   h5fcreate_f, h5fopen_f, h5fflush_f, h5fclose_f, h5fis_hdf5_f, h5fget_name_f, &
+                  h5f_obj_all_f, h5f_obj_file_f, &
                   h5pcreate_f, h5pclose_f, h5pset_fapl_mpio_f, h5pset_libver_bounds_f, &
                   h5pset_fclose_degree_f, h5pset_chunk_f, h5pset_alloc_time_f, &
                   h5pset_fill_time_f, h5pset_obj_track_times_f, &
@@ -31,12 +32,13 @@ module dosui_hdf5
                   h5t_str_nullpad_f, h5t_cset_utf8_f, h5t_cset_ascii_f
   use dosui_kinds, only: wp, i8
   use dosui_error, only: error_t
+  use dosui_file_system, only: create_anew, input_problem, writing_problem
   use dosui_communicator, only: communicator_t
   use dosui_mpi_hints, only: no_mpi_hints
   implicit none
   private
 
-  public :: hid_t
+  public :: hid_t, hdf5_has_open_files
   public :: hdf5_create_group, hdf5_open_group, hdf5_close_group
   public :: hdf5_create_dataset, hdf5_open_dataset, hdf5_close_dataset
   public :: hdf5_dataset_shape, hdf5_resize_dataset
@@ -49,6 +51,7 @@ module dosui_hdf5
   integer, parameter, public :: hdf5_real = 1       !! dataset of real(wp)
   integer, parameter, public :: hdf5_integer = 2    !! dataset of integer(i8)
 
+  character(len=5), parameter :: suffix(2) = ['.part', '.tmp ']   !! of files being written
   integer, parameter :: largest_transfer = 2**26    !! numbers a call (MPI counts are 32 bit)
 
   type, public :: hdf5_file_t
@@ -103,6 +106,12 @@ module dosui_hdf5
       type(c_funptr), value :: visit
       type(c_ptr), value :: client
     end function h5ewalk2
+    integer(c_size_t) function h5fget_obj_count(file, kinds) bind(c, name='H5Fget_obj_count')
+      import :: c_int, c_int64_t, c_size_t
+      implicit none
+      integer(c_int64_t), value :: file
+      integer(c_int), value :: kinds
+    end function h5fget_obj_count
   end interface
 
 contains
@@ -119,12 +128,14 @@ contains
     integer :: status
 
     call start_library(err)
+    if (comm%is_root() .and. .not. err%failed()) call create_anew(path, err)
+    call comm%agree(err)
     if (err%failed()) return
     access = file_access(comm)
     creation = without_times(h5p_file_create_f)
     self%path = path
     call h5fcreate_f(path, h5f_acc_trunc_f, self%id, status, creation, access)
-    call check(status, 'cannot create the file '//path, err)
+    call check_writing(status, path, err)
     if (status < 0) self%id = -1_hid_t
     call close_property(access)
     call close_property(creation)
@@ -139,16 +150,18 @@ contains
     type(error_t), intent(inout) :: err
     integer(hid_t) :: access
     integer :: status
-    logical :: exists, is_hdf5
+    character(len=:), allocatable :: reason
+    logical :: is_hdf5
 
     call start_library(err)
-    if (err%failed()) return
-    inquire (file=path, exist=exists)
-    if (.not. exists) call err%set('there is no file '//path)
-    is_hdf5 = exists
-    if (exists .and. comm%is_root()) then
-      call h5fis_hdf5_f(path, is_hdf5, status)
-      if (status < 0 .or. .not. is_hdf5) call err%set(path//' is not an HDF5 file')
+    if (comm%is_root() .and. .not. err%failed()) then
+      reason = input_problem(path)   ! a pipe would wait for ever
+      if (reason == 'no such file') call err%set('there is no file '//path)
+      if (len(reason) > 0) call err%set('cannot open '//path//': '//reason)
+      if (len(reason) == 0) then
+        call h5fis_hdf5_f(path, is_hdf5, status)
+        if (status < 0 .or. .not. is_hdf5) call err%set(path//' is not an HDF5 file')
+      end if
     end if
     call comm%agree(err)
     if (err%failed()) return
@@ -167,18 +180,25 @@ contains
     integer :: status
 
     call h5fflush_f(self%id, h5f_scope_global_f, status)
-    call check(status, 'cannot write the file '//self%path, err)
+    call check_writing(status, self%path, err)
   end subroutine file_flush
 
   subroutine file_close(self, err)
     !! Closes the file and every object of it still open. Collective.
+    !!
+    !! After an error, or if what is left to write cannot be written, the file stays open: HDF5 1.10
+    !! frees a file whose closing fails, but remembers it and crashes when the library ends.
     class(hdf5_file_t), intent(inout) :: self
     type(error_t), intent(inout) :: err
     integer :: status
 
     if (.not. self%is_open()) return
-    call h5fclose_f(self%id, status)
-    call check(status, 'cannot close the file '//self%path, err)
+    call h5fflush_f(self%id, h5f_scope_global_f, status)
+    call check_writing(status, self%path, err)
+    if (.not. err%failed()) then
+      call h5fclose_f(self%id, status)
+      call check_writing(status, self%path, err)
+    end if
     self%id = -1_hid_t
   end subroutine file_close
 
@@ -187,6 +207,17 @@ contains
 
     is_open = self%id >= 0_hid_t
   end function file_is_open
+
+  logical function hdf5_has_open_files() result(has)
+    !! Are there files that could not be closed? MPI must not be ended then: it ends HDF5, which
+    !! crashes on them.
+    integer :: status
+
+    has = .false.
+    call h5iis_valid_f(h5t_native_double, has, status)   ! has the library been started?
+    ! HDF5's own Fortran function subtracts the predefined types, which are no files
+    if (has) has = h5fget_obj_count(int(h5f_obj_all_f, c_int64_t), int(h5f_obj_file_f, c_int)) > 0
+  end function hdf5_has_open_files
 
   ! ---------------------------------------------------------------- groups, links
 
@@ -519,7 +550,7 @@ contains
     if (status >= 0) then
       if (is_write) then
         call h5dwrite_f(dataset, number_type, address, status, memory_space, file_space)
-        call check(status, 'cannot write', err, dataset)
+        call check_writing(status, file_name_of(dataset), err)
       else
         call h5dread_f(dataset, number_type, address, status, memory_space, file_space)
         call check(status, 'cannot read', err, dataset)
@@ -533,7 +564,7 @@ contains
     !! The path of the file that a dataset is in.
     integer(hid_t), intent(in) :: dataset
     character(len=:), allocatable :: name
-    character(len=1024) :: buffer
+    character(len=4096) :: buffer
     integer(size_t) :: length
     integer :: status
 
@@ -838,6 +869,27 @@ contains
       call err%set(action//' ('//text//')')
     end if
   end subroutine check
+
+  subroutine check_writing(status, path, err)
+    !! Turns a write that failed into an error: the file as the user knows it, and the reason in
+    !! the words of the system, else of HDF5.
+    integer, intent(in) :: status
+    character(len=*), intent(in) :: path
+    type(error_t), intent(inout) :: err
+    character(len=:), allocatable :: known, reason
+    integer :: k
+
+    if (status >= 0 .or. err%failed()) return
+    known = path
+    do k = 1, size(suffix)   ! names that files have until they are complete
+      if (index(path, trim(suffix(k)), back=.true.) == len(path) - len_trim(suffix(k)) + 1) then
+        known = path(:len(path) - len_trim(suffix(k)))
+      end if
+    end do
+    reason = writing_problem(path)
+    if (len(reason) > 0) call err%set('cannot write '//known//': '//reason)
+    call check(status, 'cannot write '//known, err)
+  end subroutine check_writing
 
   integer(c_int) function keep_description(position, entry, client) result(status) bind(c)
     !! Visits HDF5's error stack from the innermost call outwards; keeps the first two texts.

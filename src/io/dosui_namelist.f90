@@ -5,18 +5,20 @@
 !! takes a decimal comma for a strange name.
 module dosui_namelist
   use, intrinsic :: iso_fortran_env, only: iostat_end
-  use dosui_kinds, only: wp
+  use dosui_kinds, only: wp, i8
   use dosui_error, only: error_t
+  use dosui_fields, only: text_start
+  use dosui_file_system, only: input_problem
+  use dosui_numbers, only: is_special, text_as_integer, text_as_real
   use dosui_problems, only: problems_t
   use dosui_text, only: lower_case, to_text
   implicit none
   private
 
-  public :: read_bytes, read_text_file, text_as_real, decimal_comma
+  public :: read_bytes, read_text_file, decimal_comma
 
   integer, parameter :: most_values = 10000000   !! of one key; more is surely a typing error
   integer, parameter :: largest_file = 256*1024*1024   !! of a scene, or beside it [byte]
-  character(len=*), parameter :: huge_digits = '17976931348623157'   !! of huge(1.0_wp)
   character(len=1), parameter :: tab = achar(9), newline = achar(10), return = achar(13)
   character(len=*), parameter :: delimiters = ' ,/!='//"'"//'"&'//achar(9)//achar(10)//achar(13)
 
@@ -73,6 +75,7 @@ module dosui_namelist
     logical :: is_first = .true.         !! nothing but blanks before this place in its line
     integer :: slot = 0                  !! key that values belong to; 0: none, they are dropped
     logical :: expects_value = .false.   !! after '=' or ','
+    logical :: had_dollar = .false.      !! '$' for '&' has been reported
     logical :: drops_values = .false.    !! of a duplicate or broken key: without complaint
     integer :: element = 1               !! where the next value goes
     integer :: repeats = 1               !! of the next value
@@ -99,8 +102,27 @@ contains
 
     call read_bytes(path, text, err)
     if (err%failed()) return
-    if (index(text, achar(0)) > 0) call err%set('cannot read '//path//': not a text file')
+    if (index(text, char(255)//char(254)) == 1 .or. index(text, char(254)//char(255)) == 1) then
+      call err%set('cannot read '//path//': UTF-16 text; save it as UTF-8')
+    else if (index(text, achar(0)) > 0) then
+      call err%set('cannot read '//path//': not a text file')
+    end if
+    call end_lines(text)
   end subroutine read_text_file
+
+  pure subroutine end_lines(text)
+    !! Carriage returns that end lines alone (of old Macs) become line feeds.
+    character(len=:), allocatable, intent(inout) :: text
+    integer :: k
+
+    do k = 1, len(text)
+      if (text(k:k) /= return) cycle
+      if (k < len(text)) then
+        if (text(k + 1:k + 1) == newline) cycle
+      end if
+      text(k:k) = newline
+    end do
+  end subroutine end_lines
 
   subroutine read_bytes(path, text, err)
     !! The whole of any file.
@@ -108,12 +130,13 @@ contains
     character(len=:), allocatable, intent(out) :: text
     type(error_t), intent(inout) :: err
     character(len=256) :: message
-    integer :: unit, status, n
-    logical :: exists
+    character(len=:), allocatable :: reason
+    integer :: unit, status
+    integer(i8) :: n
 
-    inquire (file=path, exist=exists)
-    if (.not. exists) then
-      call err%set('cannot read '//path//': no such file')
+    reason = input_problem(path)   ! before it is opened: a pipe would wait for ever
+    if (len(reason) > 0) then
+      call err%set('cannot read '//path//': '//reason)
       return
     end if
     open (newunit=unit, file=path, access='stream', form='unformatted', action='read', &
@@ -123,8 +146,9 @@ contains
       return
     end if
     inquire (unit=unit, size=n)
-    if (n < 0 .or. n > largest_file) then
-      call err%set('cannot read '//path//': not a file of reasonable size')
+    if (n < 0_i8 .or. n > largest_file) then
+      call err%set('cannot read '//path//': it has '//to_text(n)//' bytes, more than '// &
+                   to_text(largest_file))
     else
       allocate (character(len=n) :: text)
       if (n > 0) read (unit, iostat=status, iomsg=message) text
@@ -232,20 +256,9 @@ contains
     class(namelist_value_t), intent(in) :: self
     integer, intent(inout) :: n
     character(len=:), allocatable, intent(out) :: reason
-    integer :: first, k, digits, status
 
     reason = 'must be an integer'
-    if (self%is_quoted) return
-    first = 1
-    if (scan(self%text, '+-') == 1) first = 2
-    digits = len(self%text) - first + 1
-    if (digits < 1 .or. verify(self%text(first:), '0123456789') /= 0) return
-    reason = 'is too large'
-    if (digits > 18) return
-    read (self%text, *, iostat=status) k
-    if (status /= 0) return
-    reason = ''
-    n = k
+    if (.not. self%is_quoted) call text_as_integer(self%text, n, reason)
   end subroutine value_to_integer
 
   pure subroutine value_to_logical(self, flag, reason)
@@ -283,83 +296,6 @@ contains
     end select
   end function is_logical
 
-  pure logical function is_special(word)
-    !! Is a word the name of a number that is none?
-    character(len=*), intent(in) :: word
-
-    select case (lower_case(word(merge(2, 1, scan(word, '+-') == 1):)))
-    case ('nan', 'inf', 'infinity')
-      is_special = .true.
-    case default
-      is_special = index(lower_case(word), 'nan(') == 1
-    end select
-  end function is_special
-
-  pure subroutine text_as_real(word, x, reason)
-    !! A word as a real: digits with a point and an exponent of e or d. The reason is '' if it is
-    !! one. A number out of the range of reals is found by its digits: reading it would trap.
-    character(len=*), intent(in) :: word
-    real(wp), intent(inout) :: x
-    character(len=:), allocatable, intent(out) :: reason
-    character(len=:), allocatable :: digits, number
-    character(len=1), parameter :: letters(2) = ['e', 'd']
-    integer :: first, mark, point, exponent, k, status
-    real(wp) :: read_x
-
-    reason = 'must be a number'
-    if (is_special(word)) then
-      reason = 'must be a finite number'
-      return
-    end if
-    first = 1
-    if (scan(word, '+-') == 1) first = 2
-    exponent = 0
-    number = lower_case(word)
-    mark = len(word) + 1
-    do k = 1, 2
-      if (index(number, letters(k)) > 0) mark = index(number, letters(k))
-    end do
-    if (mark <= len(word)) then
-      k = mark + 1
-      if (k <= len(word)) then
-        if (scan(word(k:k), '+-') == 1) k = k + 1
-      end if
-      if (k > len(word)) return
-      if (verify(word(k:), '0123456789') /= 0 .or. len(word) - k > 8) return
-      read (word(mark + 1:), *) exponent
-    end if
-    digits = word(first:mark - 1)
-    point = index(digits, '.')
-    if (point == 0) then
-      point = len(digits) + 1
-    else
-      digits = digits(:point - 1)//digits(point + 1:)
-    end if
-    if (len(digits) == 0 .or. verify(digits, '0123456789') /= 0) return
-    reason = ''
-    k = verify(digits, '0')
-    exponent = exponent + point - 1 - k      ! of d.ddd
-    if (k == 0 .or. exponent < -307) then
-      x = 0.0_wp
-    else if (exponent > 308 .or. (exponent == 308 .and. exceeds_huge(digits(k:)))) then
-      reason = 'is too large'
-    else
-      read (number, *, iostat=status) read_x
-      if (status == 0) x = read_x
-      if (status /= 0) reason = 'must be a number'
-    end if
-  end subroutine text_as_real
-
-  pure logical function exceeds_huge(digits)
-    !! Is d.ddd * 10**308 beyond the range of reals?
-    character(len=*), intent(in) :: digits
-    character(len=len(huge_digits)) :: leading
-
-    leading = repeat('0', len(leading))
-    leading(:min(len(digits), len(leading))) = digits(:min(len(digits), len(leading)))
-    exceeds_huge = leading > huge_digits
-  end function exceeds_huge
-
   pure function decimal_comma(key, must_be_certain) result(number)
     !! The number that was probably meant by a decimal comma, '' if there is none: `0,5` gives
     !! '0.5'. Certain is only `0,05`, because nobody writes the integer 05.
@@ -389,26 +325,31 @@ contains
 
   ! ---------------------------------------------------------------- the scan
 
-  subroutine namelist_scan(self, text, file, problems)
+  subroutine namelist_scan(self, text, file, problems, until)
     !! Takes a text apart into groups, keys and values.
     class(namelist_t), intent(out) :: self
     character(len=*), intent(in) :: text
     character(len=*), intent(in) :: file        !! for messages
     type(problems_t), intent(inout) :: problems
+    character(len=*), intent(in), optional :: until   !! a group after which no more is read
     type(scanner_t) :: scanner
     logical :: is_reported
 
     self%file = file
     allocate (self%group(16))
     scanner%text = text
-    if (index(text, char(239)//char(187)//char(191)) == 1) scanner%place = 4   ! byte order mark
+    scanner%place = text_start(text)
     is_reported = .false.
     do
       call scanner%skip_blanks()
       if (scanner%is_end()) exit
-      if (scanner%next() == '&') then
+      if (begins_group(scanner)) then
+        if (scanner%next() == '$') call complain_of_dollar(file, scanner, problems)
         call scan_group(self, scanner, problems)
         is_reported = .false.
+        if (present(until)) then
+          if (self%count(until) > 0) exit
+        end if
       else
         if (.not. is_reported) call problems%add(file, scanner%line, '', '', '', &
                                         "text outside of groups: '"//trim(rest_of_line(scanner))// &
@@ -449,7 +390,8 @@ contains
       if (c == '/') then
         call scanner%advance()
         exit
-      else if (c == '&') then
+      else if (c == '&' .or. begins_dollar(scanner)) then
+        if (c == '$') call complain_of_dollar(self%file, scanner, problems)
         if (is_legacy_end(scanner)) exit
         call problems%add(self%file, group%line, group%name, '', '', &
                           "group is not closed by '/' before line "//to_text(scanner%line))
@@ -462,17 +404,48 @@ contains
   end subroutine scan_group
 
   logical function is_legacy_end(scanner) result(is_end)
-    !! Is this the old way to close a group, &end? It is then passed over.
+    !! Is this the old way to close a group, &end or $end? It is then passed over.
     type(scanner_t), intent(inout) :: scanner
     character(len=:), allocatable :: word
 
     is_end = .false.
-    if (lower_case(scanner%text(scanner%place:min(len(scanner%text), scanner%place + 3))) &
-        /= '&end') return
+    word = lower_case(scanner%text(scanner%place:min(len(scanner%text), scanner%place + 3)))
+    if (word /= '&end' .and. word /= '$end') return
     call scanner%advance()
     word = scanner%word()
     is_end = .true.
   end function is_legacy_end
+
+  pure logical function begins_group(scanner) result(begins)
+    !! Is this '&', or '$' as some compilers take it?
+    type(scanner_t), intent(in) :: scanner
+
+    begins = scanner%next() == '&' .or. begins_dollar(scanner)
+  end function begins_group
+
+  pure logical function begins_dollar(scanner) result(begins)
+    !! Is this '$' with a name after it?
+    type(scanner_t), intent(in) :: scanner
+    integer :: next
+
+    next = min(scanner%place + 1, len(scanner%text))
+    begins = scanner%next() == '$' .and. &
+             verify(lower_case(scanner%text(next:next)), 'abcdefghijklmnopqrstuvwxyz') == 0
+  end function begins_dollar
+
+  subroutine complain_of_dollar(file, scanner, problems)
+    !! Once a file: the groups are then read all the same, so that other problems are found.
+    character(len=*), intent(in) :: file
+    type(scanner_t), intent(inout) :: scanner
+    type(problems_t), intent(inout) :: problems
+
+    if (.not. scanner%had_dollar) then
+      call problems%add(file, scanner%line, '', '', '', &
+                        "groups begin with '&' and end with '/', not '"// &
+                        trim(rest_of_line(scanner))//"'")
+    end if
+    scanner%had_dollar = .true.
+  end subroutine complain_of_dollar
 
   subroutine scan_item(file, scanner, group, problems)
     !! One comma, text, word or key within a group.

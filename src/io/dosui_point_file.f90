@@ -1,8 +1,9 @@
 !! Particles from a table of text (CSV): a place in each line and, if known, a volume.
 module dosui_point_file
-  use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
   use dosui_kinds, only: wp, i8
   use dosui_dimension, only: ndim
+  use dosui_fields, only: field_name, find_fields, line_limit, most_fields, next_line, text_start
+  use dosui_numbers, only: is_special, text_as_real
   use dosui_sort, only: sort_permutation
   use dosui_text, only: lower_case, to_text
   implicit none
@@ -10,10 +11,9 @@ module dosui_point_file
 
   public :: parse_points
 
-  integer, parameter :: most_columns = 64
-  integer, parameter :: word_length = 40
-  character(len=word_length), parameter :: name_of(3) = [character(len=word_length) :: 'x', 'y', &
-                                                                                                'z']
+  real(wp), parameter :: largest = 1.0e15_wp         !! coordinate [m], volume [m3]
+  real(wp), parameter :: smallest_part = 1.0e-6_wp   !! of the mean volume [-]
+  character(len=1), parameter :: name_of(3) = ['x', 'y', 'z']
 
 contains
 
@@ -25,87 +25,138 @@ contains
     real(wp), allocatable, intent(out) :: volume(:)          !! not allocated: none given [m3]
     integer, allocatable, intent(out) :: line_number(:)      !! (n) in the file
     character(len=:), allocatable, intent(out) :: message    !! '' if all is well
-    character(len=word_length) :: word(most_columns)
-    character(len=:), allocatable :: line
-    real(wp) :: value
     real(wp), allocatable :: row(:, :)   ! the places, then the volume
-    integer :: column(ndim + 1), n, number, first, length, n_word, k, status
+    integer :: start(most_fields), finish(most_fields)
+    integer :: column(ndim + 1), n, n_column, number, place, first, last, n_word
     logical :: has_names
 
-    n = count([(text(k:k) == new_line('a'), k=1, len(text))]) + 1
+    n = line_limit(text)
     allocate (row(ndim + 1, n), line_number(n))
     message = ''
     column = 0
     n = 0
+    n_column = 0
     number = 0
-    first = 1
-    do while (first <= len(text))
-      length = index(text(first:), new_line('a')) - 1
-      if (length < 0) length = len(text) - first + 1
-      line = text(first:first + length - 1)
-      first = first + length + 1
-      number = number + 1
-      call split(line, word, n_word)
+    place = text_start(text)
+    do while (place <= len(text) .and. len(message) == 0)
+      call next_line(text, place, number, first, last)
+      call find_fields(text(first:last), ',;', start, finish, n_word)
       if (n_word == 0) cycle
-      if (all(column == 0)) then
-        call find_columns(word(:n_word), column, has_names, message)
-        if (len(message) > 0) exit
+      if (n_word > most_fields) then
+        message = 'line '//to_text(number)//': more than '//to_text(most_fields)//' columns'
+      else if (n_column == 0) then
+        n_column = n_word
+        call find_columns(text(first:last), start, finish, n_word, column, has_names, message)
         if (has_names) cycle
+      else if (n_word /= n_column) then
+        message = 'line '//to_text(number)//': has '//to_text(n_word)// &
+                  ' columns, the first line has '//to_text(n_column)// &
+                  ' (numbers have points, not commas)'
       end if
+      if (len(message) > 0) exit
       n = n + 1
       line_number(n) = number
-      do k = 1, ndim + 1
-        if (column(k) == 0) cycle
-        status = 1
-        if (column(k) <= n_word) read (word(column(k)), *, iostat=status) value
-        if (status == 0) then
-          if (.not. ieee_is_finite(value)) status = 1
-        end if
-        if (status /= 0) then
-          message = 'line '//to_text(number)//": no number for '"//title(k)//"'"
-          exit
-        end if
-        row(k, n) = value
-      end do
-      if (len(message) > 0) exit
-      if (column(ndim + 1) == 0) cycle
-      if (.not. row(ndim + 1, n) > 0.0_wp) then
-        message = 'line '//to_text(number)//': the volume must be positive'
-        exit
-      end if
+      call read_row(text(first:last), start, finish, column, number, row(:, n), message)
     end do
     if (len(message) == 0 .and. n == 0) message = 'holds no particles'
     position = row(:ndim, :n)
     line_number = line_number(:n)
     if (column(ndim + 1) > 0) volume = row(ndim + 1, :n)
+    if (len(message) == 0 .and. column(ndim + 1) > 0) then
+      call check_volumes(volume, line_number, column(ndim + 1), message)
+    end if
     if (len(message) == 0) call find_twins(position, line_number, message)
   end subroutine parse_points
 
-  pure subroutine find_columns(word, column, has_names, message)
+  subroutine read_row(line, start, finish, column, number, row, message)
+    !! The numbers of one line.
+    character(len=*), intent(in) :: line
+    integer, intent(in) :: start(:), finish(:)      !! of its fields
+    integer, intent(in) :: column(ndim + 1)         !! of x, (y,) z, volume; 0 for no volume
+    integer, intent(in) :: number                   !! of the line
+    real(wp), intent(inout) :: row(ndim + 1)
+    character(len=:), allocatable, intent(inout) :: message
+    character(len=:), allocatable :: reason
+    integer :: k
+
+    do k = 1, ndim + 1
+      if (column(k) == 0) cycle
+      associate (word => line(start(column(k)):finish(column(k))))
+        if (len_trim(word) == 0) then
+          reason = 'is empty'
+        else
+          call text_as_real(word, row(k), reason)
+        end if
+        if (len(reason) == 0 .and. .not. abs(row(k)) <= largest) then
+          reason = 'must be between -1e15 and 1e15'
+        end if
+        if (len(reason) == 0 .and. k > ndim .and. .not. row(k) > 0.0_wp) then
+          reason = 'the volume must be positive'
+        end if
+        if (len(reason) == 0) cycle
+        message = field_name(number, column(k), title(k), word)//': '//reason
+        return
+      end associate
+    end do
+  end subroutine read_row
+
+  pure subroutine check_volumes(volume, line_number, column, message)
+    !! Volumes that cannot be those of particles beside the others: typing errors, other units.
+    real(wp), intent(in) :: volume(:)   !! [m3]
+    integer, intent(in) :: line_number(:), column
+    character(len=:), allocatable, intent(inout) :: message
+    real(wp) :: mean
+    integer :: p
+
+    mean = sum(volume)/real(size(volume), wp)
+    do p = 1, size(volume)
+      if (volume(p) >= smallest_part*mean) cycle
+      message = field_name(line_number(p), column, 'volume', to_text(volume(p)))// &
+                ': must be at least '//to_text(smallest_part*mean, 3)//' m3, '// &
+                to_text(smallest_part)//' of the mean volume'
+      return
+    end do
+  end subroutine check_volumes
+
+  pure subroutine find_columns(line, start, finish, n_word, column, has_names, message)
     !! Which column holds what, from the first line.
-    character(len=*), intent(in) :: word(:)
+    character(len=*), intent(in) :: line
+    integer, intent(in) :: start(:), finish(:)   !! of its fields
+    integer, intent(in) :: n_word
     integer, intent(out) :: column(ndim + 1)     !! of x, (y,) z, volume; 0 for no volume
     logical, intent(out) :: has_names            !! the line holds names
     character(len=:), allocatable, intent(inout) :: message
-    real(wp) :: value
-    integer :: k, status
+    integer :: k, j
 
-    read (word(1), *, iostat=status) value
-    has_names = status /= 0
+    has_names = is_name(line(start(1):finish(1)))
     column = 0
     if (has_names) then
       do k = 1, ndim + 1
-        column(k) = findloc(word == title(k), .true., dim=1)
+        do j = 1, n_word
+          if (lower_case(trim(line(start(j):finish(j)))) /= title(k)) cycle
+          if (column(k) > 0) message = "has two columns '"//title(k)//"'"
+          column(k) = j
+        end do
         if (column(k) == 0 .and. k <= ndim) message = "has no column '"//title(k)//"'"
       end do
-    else if (size(word) == ndim .or. size(word) == ndim + 1) then
+    else if (n_word == ndim .or. n_word == ndim + 1) then
       column = [(k, k=1, ndim + 1)]
-      if (size(word) == ndim) column(ndim + 1) = 0
+      if (n_word == ndim) column(ndim + 1) = 0
     else
-      message = 'has '//to_text(size(word))//' columns, not '//to_text(ndim)//' or '// &
+      message = 'has '//to_text(n_word)//' columns, not '//to_text(ndim)//' or '// &
                 to_text(ndim + 1)//': a first line with names tells what they hold'
     end if
   end subroutine find_columns
+
+  pure logical function is_name(word) result(is)
+    !! Does a word name a column? What begins as a number does not, nor does what is no number.
+    character(len=*), intent(in) :: word
+
+    is = .false.
+    if (len_trim(word) == 0) return
+    is = verify(lower_case(word(1:1)), 'abcdefghijklmnopqrstuvwxyz_') == 0 .and. &
+         .not. is_special(trim(word))
+  end function is_name
 
   pure function title(k) result(name)
     !! Name of a column: x, (y,) z, volume.
@@ -115,48 +166,9 @@ contains
     if (k > ndim) then
       name = 'volume'
     else
-      name = trim(name_of(merge(3, k, k == ndim)))
+      name = name_of(merge(3, k, k == ndim))
     end if
   end function title
-
-  pure subroutine split(line, word, n)
-    !! Words of a line up to a '#', in lower case and without quotes.
-    character(len=*), intent(in) :: line
-    character(len=word_length), intent(out) :: word(:)
-    integer, intent(out) :: n
-    character(len=*), parameter :: blank = ' '//achar(9)//achar(13)
-    integer :: k, length
-    logical :: after_comma, inside   ! of a word
-
-    word = ''
-    n = 0
-    length = 0
-    inside = .false.
-    after_comma = .true.
-    do k = 1, len(line)
-      if (line(k:k) == '#') exit
-      if (scan(line(k:k), ',;') > 0) then
-        if (after_comma .and. .not. inside) n = n + 1   ! an empty column
-        after_comma = .true.
-        inside = .false.
-      else if (scan(line(k:k), blank) > 0) then
-        inside = .false.
-      else if (scan(line(k:k), '"''') == 0) then
-        if (.not. inside) then
-          n = n + 1
-          length = 0
-        end if
-        inside = .true.
-        after_comma = .false.
-        length = length + 1
-        if (n <= size(word) .and. length <= word_length) word(n) (length:length) = line(k:k)
-      end if
-      if (n >= size(word)) exit
-    end do
-    do k = 1, n
-      word(k) = lower_case(word(k))
-    end do
-  end subroutine split
 
   subroutine find_twins(position, line_number, message)
     !! Two particles in one place.

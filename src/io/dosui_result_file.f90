@@ -20,7 +20,7 @@ module dosui_result_file
   use dosui_dimension, only: ndim
   use dosui_communicator, only: communicator_t
   use dosui_sort, only: sort_permutation
-  use dosui_file_exchange, only: rename_file
+  use dosui_file_exchange, only: remove_file, rename_file
   use dosui_history, only: history_t, history_column_t
   use dosui_hdf5, only: hid_t, hdf5_file_t, hdf5_real, hdf5_integer, &
                         hdf5_create_group, hdf5_open_group, hdf5_close_group, &
@@ -125,6 +125,7 @@ contains
     call build_file(self, comm, path//'.part', err)
     if (.not. err%failed()) call attach(self, comm, path//'.part', err)
     call comm%agree(err)
+    if (err%failed() .and. comm%is_root()) call remove_file(path//'.part')   ! it takes space
   end subroutine result_create
 
   subroutine result_open_existing(self, comm, path, time, layout, err)

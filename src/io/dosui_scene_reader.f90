@@ -6,12 +6,16 @@ module dosui_scene_reader
   use dosui_communicator, only: communicator_t
   use dosui_directories, only: absolute_path, directory_problem
   use dosui_error, only: error_t
+  use dosui_fields, only: field_name, find_fields, line_limit, most_fields, next_line, &
+                          shown_word, text_start
   use dosui_namelist, only: namelist_t, namelist_group_t, read_bytes, read_text_file, &
                             decimal_comma
+  use dosui_numbers, only: text_as_real
   use dosui_point_file, only: parse_points
   use dosui_problems, only: problems_t
   use dosui_scene, only: region_t, scene_t, table_t, name_length
   use dosui_scene_checks, only: check_body_faces, check_scene
+  use dosui_scene_dimension, only: scene_dimension
   use dosui_scene_echo, only: write_echo
   use dosui_scene_warnings, only: find_warnings
   use dosui_scene_keys, only: key_visitor_t, key_t, group_t, scene_groups, allocate_group, &
@@ -250,40 +254,63 @@ contains
   end subroutine check_particles
 
   subroutine parse_table(text, table, message)
-    !! Two numbers in each line, blanks or a comma between them.
+    !! Two numbers in each line, blanks or a comma between them; a '#' begins a comment.
     character(len=*), intent(in) :: text
     type(table_t), intent(inout) :: table
     character(len=:), allocatable, intent(inout) :: message   !! '' if all is well
-    character(len=:), allocatable :: line
     real(wp), allocatable :: rows(:, :)
-    integer :: first, length, n, status, hash
+    integer :: start(most_fields), finish(most_fields), place, number, first, last, n, n_field
 
-    allocate (rows(2, count([(text(n:n) == new_line('a'), n=1, len(text))]) + 1))
+    allocate (rows(2, line_limit(text)))
     n = 0
-    first = 1
-    do while (first <= len(text))
-      length = index(text(first:), new_line('a')) - 1
-      if (length < 0) length = len(text) - first + 1
-      line = text(first:first + length - 1)
-      first = first + length + 1
-      if (len(line) > 0) then   ! of Windows
-        if (line(len(line):) == achar(13)) line = line(:len(line) - 1)
-      end if
-      hash = index(line, '#')
-      if (hash > 0) line = line(:hash - 1)
-      if (len_trim(line) == 0) cycle
-      n = n + 1
-      read (line, *, iostat=status) rows(:, n)
-      if (status /= 0) then
-        message = "needs a time and a factor in each line, not '"//trim(line)//"'"
+    number = 0
+    place = text_start(text)
+    do while (place <= len(text))
+      call next_line(text, place, number, first, last)
+      call find_fields(text(first:last), ',;', start, finish, n_field)
+      if (n_field == 0) cycle
+      if (n_field /= 2) then
+        message = 'line '//to_text(number)//': needs a time and a factor, not '// &
+                  shown_word(text(first:last))
         return
       end if
+      n = n + 1
+      call read_pair(text(first:last), start, finish, number, rows(:, n), message)
+      if (len(message) == 0 .and. n > 1) then
+        if (.not. rows(1, n) > rows(1, n - 1)) then
+          message = 'line '//to_text(number)//': its times must increase strictly'
+        end if
+      end if
+      if (len(message) > 0) return
     end do
     if (n == 0) message = 'holds no table'
-    if (any(rows(1, 2:n) <= rows(1, :n - 1))) message = 'its times must increase strictly'
     table%time = rows(1, :n)
     table%value = rows(2, :n)
   end subroutine parse_table
+
+  pure subroutine read_pair(line, start, finish, number, pair, message)
+    !! A time and a factor.
+    character(len=*), intent(in) :: line
+    integer, intent(in) :: start(:), finish(:)   !! of its fields
+    integer, intent(in) :: number                !! of the line
+    real(wp), intent(inout) :: pair(2)
+    character(len=:), allocatable, intent(inout) :: message
+    character(len=6), parameter :: name(2) = ['time  ', 'factor']
+    real(wp), parameter :: largest = 1.0e15_wp
+    character(len=:), allocatable :: reason
+    integer :: k
+
+    do k = 1, 2
+      call text_as_real(line(start(k):finish(k)), pair(k), reason)
+      if (finish(k) < start(k)) reason = 'is empty'
+      if (len(reason) == 0 .and. .not. abs(pair(k)) <= largest) then
+        reason = 'must be between -1e15 and 1e15'
+      end if
+      if (len(reason) == 0) cycle
+      message = field_name(number, k, trim(name(k)), line(start(k):finish(k)))//': '//reason
+      return
+    end do
+  end subroutine read_pair
 
   subroutine parse_scene(text, file, scene, problems, stem, directory)
     !! A scene from its text; all lists of the scene but that of rigid walls are allocated in any
@@ -362,20 +389,14 @@ contains
     !! Is the scene for one of the other executables?
     type(namelist_t), intent(in) :: namelist
     type(problems_t), intent(inout) :: problems
-    character(len=:), allocatable :: reason
     integer :: g, k, dimension
 
-    is_other = .false.
+    dimension = scene_dimension(namelist, ndim)
+    is_other = dimension /= ndim
+    if (.not. is_other) return
     g = namelist%find('scene', 1)
-    if (g == 0) return
     k = namelist%group(g)%find('dimension')
-    if (k == 0) return
     associate (key => namelist%group(g)%key(k))
-      if (key%n_value /= 1) return
-      dimension = ndim
-      call key%value(1)%to_integer(dimension, reason)
-      if (dimension == ndim .or. dimension < 1 .or. dimension > 3) return
-      is_other = .true.
       call problems%add(namelist%file, key%line, 'scene', 'dimension', key%shown(), &
                         'this is dosui'//to_text(ndim)//'d; run dosui'//to_text(dimension)// &
                         'd, or dosui, which chooses')

@@ -1,8 +1,10 @@
 !! Triangles from STL files, text or binary.
 module dosui_stl_file
-  use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
   use, intrinsic :: iso_fortran_env, only: int32, real32
+  use dosui_fields, only: field_name, find_fields, line_limit, most_fields, next_line, shown_word, &
+                          text_start
   use dosui_kinds, only: wp, i8
+  use dosui_numbers, only: text_as_real
   use dosui_scene, only: name_length
   use dosui_text, only: lower_case, to_text
   implicit none
@@ -13,6 +15,7 @@ module dosui_stl_file
   integer, parameter :: header_length = 84     !! of binary files: a title and the count [byte]
   integer, parameter :: record_length = 50     !! of a triangle in binary files [byte]
   real(wp), parameter :: largest = 1.0e15_wp   !! coordinate [m]
+  character(len=1), parameter :: axis_name(3) = ['x', 'y', 'z']
   character(len=*), parameter :: blank = ' '//achar(9)//achar(13)
 
 contains
@@ -51,11 +54,14 @@ contains
   pure logical function starts_as_text(text)
     !! Does the file begin with 'solid', and is it text?
     character(len=*), intent(in) :: text
-    integer :: first
+    integer :: first, k
 
-    first = verify(text, blank//new_line('a'))
     starts_as_text = .false.
-    if (first == 0 .or. first + 4 > len(text)) return
+    first = text_start(text)
+    if (first > len(text)) return
+    k = verify(text(first:), blank//new_line('a'))
+    first = first + k - 1
+    if (k == 0 .or. first + 4 > len(text)) return
     starts_as_text = lower_case(text(first:first + 4)) == 'solid' .and. index(text, achar(0)) == 0
   end function starts_as_text
 
@@ -127,9 +133,8 @@ contains
     character(len=:), allocatable, intent(inout) :: message
     character(len=name_length), allocatable :: more(:)
     character(len=:), allocatable :: word, rest
-    integer :: number, first, length, n, most, n_corner, status
+    integer :: number, next, first, last, n, most, n_corner
     logical :: in_solid
-    real(wp) :: place(3)
 
     most = occurrences(lower_case(text), 'endfacet') + 1
     allocate (corners(3, 3, most), solid(most), line(most), names(0))
@@ -137,13 +142,10 @@ contains
     n_corner = -1   ! outside a facet
     in_solid = .false.
     number = 0
-    first = 1
-    do while (first <= len(text))
-      length = index(text(first:), new_line('a')) - 1
-      if (length < 0) length = len(text) - first + 1
-      number = number + 1
-      call first_word(text(first:first + length - 1), word, rest)
-      first = first + length + 1
+    next = text_start(text)
+    do while (next <= len(text))
+      call next_line(text, next, number, first, last)
+      call first_word(text(first:last), word, rest)
       select case (word)
       case ('solid')
         if (in_solid) message = "'solid' within a solid"
@@ -166,20 +168,12 @@ contains
         solid(n) = size(names)
         line(n) = number
       case ('vertex')
-        status = scan(rest, ',;/*')   ! which a list-directed read would take
-        if (status == 0) read (rest, *, iostat=status) place
-        if (status == 0) then
-          if (.not. all(ieee_is_finite(place))) status = 1
-        end if
-        if (status == 0) then
-          if (any(abs(place) > largest)) status = 1
-        end if
-        if (status /= 0) message = 'no three coordinates: '//trim(rest)
         if (n_corner < 0) message = "'vertex' outside a facet"
         if (n_corner == 3) message = 'a fourth corner of a triangle'
         if (len(message) > 0) exit
         n_corner = n_corner + 1
-        corners(:, n_corner, n) = place
+        call read_corner(text(first:last), number, corners(:, n_corner, n), message)
+        if (len(message) > 0) return
       case ('endfacet')
         if (n_corner /= 3) message = "'endfacet' after "//to_text(max(n_corner, 0))// &
                                      ' corners instead of 3'
@@ -187,7 +181,7 @@ contains
       case ('outer', 'endloop', '')
         continue
       case default
-        message = "unknown word '"//word//"'"
+        message = 'unknown word '//shown_word(word)
       end select
       if (len(message) > 0) exit
     end do
@@ -202,6 +196,30 @@ contains
     solid = solid(:n)
     line = line(:n)
   end subroutine parse_text
+
+  pure subroutine read_corner(line, number, corner, message)
+    !! The coordinates of a line `vertex x y z`.
+    character(len=*), intent(in) :: line
+    integer, intent(in) :: number           !! of the line
+    real(wp), intent(inout) :: corner(3)    !! [file's unit]
+    character(len=:), allocatable, intent(inout) :: message
+    character(len=:), allocatable :: reason
+    integer :: start(most_fields), finish(most_fields), n, d
+
+    call find_fields(line, '', start, finish, n)
+    if (n /= 4) message = 'line '//to_text(number)//': a corner has three coordinates, not '// &
+                          to_text(n - 1)
+    do d = 1, 3
+      if (len(message) > 0) return
+      associate (word => line(start(d + 1):finish(d + 1)))
+        call text_as_real(word, corner(d), reason)
+        if (len(reason) == 0 .and. .not. abs(corner(d)) <= largest) then
+          reason = 'must be between -1e15 and 1e15'
+        end if
+        if (len(reason) > 0) message = field_name(number, d + 1, axis_name(d), word)//': '//reason
+      end associate
+    end do
+  end subroutine read_corner
 
   pure integer function occurrences(text, word) result(n)
     !! How often a word occurs.

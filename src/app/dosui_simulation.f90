@@ -17,6 +17,7 @@ module dosui_simulation
   use dosui_semi_implicit, only: choose_semi_implicit_step, semi_implicit_t
   use dosui_setup, only: describe_model, finish_setup, seed_model, setup_model
   use dosui_signals, only: signal_received, signals_watch
+  use dosui_state_check, only: check_state, describe_particle, is_sound
   use dosui_text, only: to_text
   use dosui_topology, only: build_geometry, distribute, needs_rebuild, refresh_storage, &
                             refresh_weights
@@ -154,6 +155,7 @@ contains
       else if (model%scene%time%undrained_start .and. .not. model%rigid) then
         call undrained_start(model, err)
       end if
+      if (.not. err%failed()) call check_state(model, err)
       if (err%failed()) return
       call files%sample(model)
       call files%write_step(model, err)
@@ -169,9 +171,7 @@ contains
       else
         call step(model, semi_implicit, err)
       end if
-      if (mod(model%clock%step, check_interval) == 0 .or. model%clock%at_output()) then
-        call check_state(model, err)
-      end if
+      if (is_due(model, check_interval)) call check_state(model, err)
       if (err%failed()) then
         call model%comm%agree(err)
         call write_last_state(model, files, write_error)
@@ -216,6 +216,18 @@ contains
     end subroutine describe_solutions
   end subroutine advance
 
+  pure logical function is_due(model, check_interval) result(due)
+    !! Is the state to be looked at after this step? Now and then, and before it is written.
+    type(model_t), intent(in) :: model
+    integer, intent(in) :: check_interval   !! steps
+
+    associate (step => model%clock%step, every => model%scene%output%checkpoint_steps)
+      due = mod(step, check_interval) == 0 .or. model%clock%at_output() .or. &
+            step >= model%scene%time%maximum_steps
+      if (every > 0) due = due .or. mod(step, every) == 0
+    end associate
+  end function is_due
+
   subroutine step(model, semi_implicit, err)
     !! One step with inertia: choose dt, advance, follow the particles.
     type(model_t), intent(inout) :: model
@@ -239,9 +251,7 @@ contains
     type(model_t), intent(inout) :: model
     type(error_t), intent(inout) :: err
 
-    if (model%inverted > 0) then
-      call err%set(describe_particle(model, 'has lost all its volume (J <= 0)', model%inverted))
-    end if
+    call say_inverted(model, err)
     call model%comm%agree(err)   ! only in updated scenes can a single rank fail within a step
     if (err%failed()) return
     if (needs_rebuild(model)) then
@@ -250,6 +260,23 @@ contains
       call follow(model, err)
     end if
   end subroutine keep_up
+
+  subroutine say_inverted(model, err)
+    !! Names a particle that would have lost its volume or pores in this step, if there is one; NaN
+    !! is no volume either, but has its own cause.
+    type(model_t), intent(in) :: model
+    type(error_t), intent(inout) :: err
+
+    if (model%inverted == 0) return
+    if (model%fault%failed()) then
+      call err%set(model%fault%message)
+    else if (model%pores_close) then
+      call err%set(describe_particle(model, 'closes its pores: it is compressed beyond the '// &
+                                     'volume of its grains', model%inverted))
+    else
+      call err%set(describe_particle(model, 'loses all its volume (J <= 0)', model%inverted))
+    end if
+  end subroutine say_inverted
 
   subroutine rebuild(model, err)
     !! Particles go to their owners, everything that depends on places is built anew. Collective.
@@ -312,65 +339,13 @@ contains
   end subroutine remove_leavers
 
   subroutine write_last_state(model, files, err)
-    !! Before a run stops with an error: its state, if all of it is numbers. Collective.
+    !! Before a run stops with an error: its state, if it is possible. Collective.
     type(model_t), intent(inout) :: model
     type(run_files_t), intent(inout) :: files
     type(error_t), intent(inout) :: err
 
-    if (model%comm%all(first_unsound(model) == 0)) call files%write_step(model, err)
+    if (is_sound(model)) call files%write_step(model, err)
   end subroutine write_last_state
-
-  subroutine check_state(model, err)
-    !! Stops all ranks when a particle's state is not a number. Collective.
-    type(model_t), intent(inout) :: model
-    type(error_t), intent(inout) :: err
-    integer :: p
-
-    p = first_unsound(model)
-    if (p > 0) call err%set(describe_particle(model, 'has a state that is not a finite number', p))
-    call model%comm%agree(err)
-  end subroutine check_state
-
-  integer function first_unsound(model) result(p)
-    !! The first of this rank's particles whose state is not finite; 0: none.
-    type(model_t), intent(in) :: model
-
-    do p = 1, model%particles%count
-      if (.not. is_sound(model, p)) return
-    end do
-    p = 0
-  end function first_unsound
-
-  logical function is_sound(model, p) result(sound)
-    !! Are velocity, stress and pressure of a particle finite?
-    type(model_t), intent(in) :: model
-    integer, intent(in) :: p
-    real(wp) :: largest
-
-    associate (field => model%particles%field, h => model%p)
-      largest = huge(1.0_wp)
-      sound = all(abs(field(h%velocity)%values(:, p)) <= largest) .and. &
-              all(abs(field(h%effective_stress)%values(:, p)) <= largest)
-      if (h%pore_pressure > 0) sound = sound .and. &
-                                       abs(field(h%pore_pressure)%values(1, p)) <= largest
-    end associate
-  end function is_sound
-
-  function describe_particle(model, what, p) result(text)
-    !! Step, time, identity and position of a particle in trouble.
-    type(model_t), intent(in) :: model
-    character(len=*), intent(in) :: what
-    integer, intent(in) :: p
-    character(len=:), allocatable :: text
-    integer :: d
-
-    text = 'particle '//to_text(model%particles%id(p))//' '//what//' in step '// &
-           to_text(model%clock%step)//', t = '//to_text(model%clock%time)//' s, at ('
-    do d = 1, ndim
-      text = text//to_text(model%particles%field(model%p%position)%values(d, p))// &
-             merge(') m', ',  ', d == ndim)
-    end do
-  end function describe_particle
 
   subroutine geostatic_start(model, err)
     !! Effective stresses in equilibrium with weight, loads and pore pressures before the clock

@@ -2,8 +2,8 @@
 !!
 !! Attempts at steps are counted in windows of a thousandth of the run. A window that takes too many
 !! of them, with too large a share that had to be repeated, or whose failed steps have shrunk to
-!! almost nothing, will not end in anybody's lifetime. Steps that the user has chosen do not count:
-!! they may be as small as they like.
+!! almost nothing, will not end in anybody's lifetime. Twice the time since the start begins a new
+!! window, too. Steps that the user has chosen do not count: they may be as small as they like.
 module dosui_progress_watch
   use dosui_kinds, only: wp
   use dosui_text, only: to_text
@@ -20,6 +20,7 @@ module dosui_progress_watch
   type, public :: progress_watch_t
     private
     real(wp) :: length = 0.0_wp      !! of the run [s]
+    real(wp) :: origin = 0.0_wp      !! of the run, or of its restart [s]
     real(wp) :: start = 0.0_wp       !! of the window [s]
     real(wp) :: now = 0.0_wp         !! end of the last step [s]
     real(wp) :: smallest = huge(1.0_wp)   !! step whose solution failed in the window [s]
@@ -44,6 +45,7 @@ contains
     real(wp), intent(in) :: time     !! now [s]
 
     self%length = length
+    self%origin = time
     self%start = time
     self%now = time
   end subroutine watch_init
@@ -56,7 +58,9 @@ contains
 
     self%now = time
     if (is_chosen) self%n_attempt = self%n_attempt + 1
-    if (time - self%start < window*self%length) return
+    ! after loads that come at once steps grow with the time since then: that is progress, too
+    if (time - self%start < window*self%length .and. &
+        time - self%origin < 2.0_wp*(self%start - self%origin)) return
     self%start = time
     self%smallest = huge(1.0_wp)
     self%n_attempt = 0

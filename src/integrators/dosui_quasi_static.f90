@@ -10,10 +10,10 @@
 !! Newton's iterations, at the end of which the state is that of the stage.
 module dosui_quasi_static
   use dosui_kinds, only: wp
-  use dosui_dimension, only: ndim
+  use dosui_dimension, only: ndim, nsig
   use dosui_error, only: error_t
   use dosui_finite_state, only: finite_start_t, refresh_finite
-  use dosui_implicit_system, only: add_hourglass_forces, implicit_system_t
+  use dosui_implicit_system, only: add_hourglass_forces, elastic_tangent, implicit_system_t
   use dosui_model, only: model_t
   use dosui_pore_water, only: content_change, mean_saturation, saturation_at, wet_masses
   use dosui_progress_watch, only: progress_watch_t
@@ -51,6 +51,8 @@ module dosui_quasi_static
   real(wp), parameter :: still = 1.0e-4_wp
   !! of a cell: finite motions are not told apart below this times the tolerance, as logarithms
   !! round off against 1 [-]
+  real(wp), parameter :: stiff_share = 1.0e-3_wp      !! of elasticity, after a failed attempt [-]
+  integer, parameter :: stiff_steps = 10              !! that keep it
   character(len=*), parameter :: by_accuracy = 'accuracy'   !! limits a step
   real(wp), parameter :: swing = 0.7_wp               !! least growth of increments that swing [-]
   real(wp), parameter :: least_relaxation = 0.125_wp  !! of their damping [-]
@@ -60,6 +62,8 @@ module dosui_quasi_static
     integer :: n_rejected = 0
     integer :: n_failed = 0          !! solutions that did not converge
     integer :: n_newton = 0          !! iterations so far
+    real(wp), private :: stiffening = 0.0_wp   !! share of elasticity in tangents [-]
+    integer, private :: n_stiff = 0            !! steps in a row with it
     type(progress_watch_t), private :: watch
     character(len=:), allocatable, private :: trouble   !! where the last failed attempt had it
     logical, private :: is_moved = .false.   !! the state is not that of the step's start
@@ -246,6 +250,8 @@ contains
     if (growth > 1.0_wp .and. growth < worthwhile) growth = 1.0_wp
     model%next_dt = max(growth, merge(1.0_wp, 0.0_wp, error_norm <= 1.0_wp))*model%clock%dt
     call model%clock%advance()
+    self%n_stiff = self%n_stiff + 1
+    if (self%n_stiff >= stiff_steps) self%stiffening = 0.0_wp
     call self%watch%accept(model%clock%time, model%clock%limit%name == by_accuracy)
     if (self%watch%is_stuck()) call give_up(self, model, 'no progress', err)
   end subroutine quasi_static_step
@@ -280,6 +286,13 @@ contains
     end if
     failures = failures + 1
     call self%watch%fail(model%clock%dt)
+    if (.not. self%stiffening > 0.0_wp .and. model%materials%is_nonlinear() .and. &
+        .not. model%rigid) then
+      self%stiffening = stiff_share   ! once more, with the same step
+      self%n_stiff = 0
+      return
+    end if
+    self%stiffening = 0.0_wp
     if (.not. (model%coupled .or. model%nonlinear) .or. failures == solver_attempts .or. &
         self%watch%is_stuck()) then
       call give_up(self, model, failure%message, err)
@@ -512,9 +525,10 @@ contains
     type(error_t), intent(inout) :: err
     real(wp), allocatable :: held(:, :), none(:, :), force(:, :), water(:), start(:)
     real(wp), allocatable :: step(:, :), pressure_step(:)
-    real(wp) :: scale, change, last_change, motion_change, water_change, relaxation, t
+    real(wp) :: scale, change, last_change, motion_change, water_change, relaxation, t, &
+                residual, last_residual, relaxed
     integer :: k, n
-    logical :: has_held, damps
+    logical :: has_held, damps, is_falling
 
     n = model%particles%count
     allocate (held, none, step, mold=motion)
@@ -525,6 +539,8 @@ contains
     damps = model%nonlinear
     relaxation = 1.0_wp
     last_change = huge(1.0_wp)
+    last_residual = huge(1.0_wp)
+    relaxed = 1.0_wp
     motion_change = 0.0_wp
     water_change = 0.0_wp
     held = 0.0_wp
@@ -544,6 +560,7 @@ contains
       t = model%clock%time
       model%clock%time = time
       if (model%unsaturated) call prepare_linearisation(model, time, start + pressure)
+      if (self%stiffening > 0.0_wp) call stiffen(model, self%stiffening)
       call self%system%build(model, .false., err)
       call model%timers%stop(model%phase%assembly)
       call self%force_residual(model, start + pressure, motion, force)
@@ -553,6 +570,7 @@ contains
                                                   err)
       call check_residual(model, force, water, err)
       if (err%failed()) return
+      residual = residual_norm(self, model, force, water)
       call model%timers%start(model%phase%solver)
       call self%system%solve(model, a, force, time, merge(held, none, has_held), has_held, &
                              water, direct_tolerance(self), .false., step, pressure_step, err)
@@ -560,10 +578,16 @@ contains
       call model%timers%stop(model%phase%solver)
       self%n_newton = self%n_newton + 1
       if (err%failed()) exit
+      is_falling = residual <= (1.0_wp - 0.5_wp*relaxed)*last_residual
+      last_residual = residual
       if (damps) then   ! halved while they swing about a kink of suction or strength
+        if (is_falling) relaxation = min(1.0_wp, 4.0_wp*relaxation)
         step = relaxation*step
         pressure_step = relaxation*pressure_step
+        relaxed = relaxation
       end if
+      water_change = model%comm%maximum(maxval(abs(pressure_step)))
+      if (model%unsaturated) call stay_near_kinks(model, start + pressure, pressure_step)
       call self%advance_within(model, step, pressure_step, motion, pressure, err)
       associate (displacement => model%particles%field(model%p%displacement)%values)
         scale = model%comm%maximum(max(maxval(abs(motion)), maxval(abs(displacement)))) + &
@@ -574,14 +598,15 @@ contains
       if (model%coupled) then
         scale = model%comm%maximum(maxval(abs(start + pressure))) + model%pressure_scale + &
                 newton_tolerance*self%system%pressure
-        water_change = model%comm%maximum(maxval(abs(pressure_step)))/scale
+        water_change = water_change/scale
         change = max(change, water_change)
       end if
       if (damps) then
         change = change/relaxation
         relaxation = min(1.0_wp, 2.0_wp*relaxation)
-        if (k > 2 .and. change > swing*last_change) relaxation = max(least_relaxation, &
-                                                                     0.25_wp*relaxation)
+        if (k > 2 .and. change > swing*last_change .and. .not. is_falling) then
+          relaxation = max(least_relaxation, 0.25_wp*relaxation)
+        end if
         last_change = change
       end if
       if (change <= merge(kink_tolerance, newton_tolerance, damps) .and. .not. err%failed()) return
@@ -619,6 +644,27 @@ contains
     call model%comm%agree(err)
   end subroutine check_residual
 
+  real(wp) function residual_norm(self, model, force, water) result(norm)
+    !! Unbalanced forces of free nodes and missing water, in the units of the system [-].
+    !! Collective.
+    class(quasi_static_t), intent(in) :: self
+    type(model_t), intent(in) :: model
+    real(wp), intent(in) :: force(:, :)   !! [N]
+    real(wp), intent(in) :: water(:)      !! [m3]
+    real(wp) :: squares
+    integer :: k
+
+    squares = sum((water/self%system%volume)**2)
+    if (.not. model%rigid) then
+      do k = 1, size(force, 2)
+        if (.not. model%grid%node_map%is_owned(k)) cycle
+        squares = squares + sum((force(:, k)/self%system%force)**2, &
+                                mask=.not. self%system%unknowns%is_held(:, k))
+      end do
+    end if
+    norm = sqrt(model%comm%sum(squares))
+  end function residual_norm
+
   subroutine note_trouble(self, model, force, pressure_step, by_water)
     !! Keeps where the worst residual of an attempt without solution is. Collective.
     class(quasi_static_t), intent(inout) :: self
@@ -638,6 +684,41 @@ contains
     call describe_trouble(model, force, .not. self%system%unknowns%is_held, pressure_step, &
                           by_water, before, self%trouble)
   end subroutine note_trouble
+
+  subroutine stiffen(model, share)
+    !! Mixes elasticity into the tangents: bodies that yield all over have no other resistance.
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: share   !! of elasticity [-]
+    real(wp) :: tangent(nsig, nsig)
+    integer :: p
+
+    if (.not. allocated(model%tangent)) return
+    do p = 1, model%particles%count
+      call elastic_tangent(model, p, tangent)
+      model%tangent(:, :, p) = (1.0_wp - share)*model%tangent(:, :, p) + share*tangent
+    end do
+  end subroutine stiffen
+
+  pure subroutine stay_near_kinks(model, pressure, step)
+    !! Kernel: limits an iteration's changes of pressure where they cross the kink of the retention
+    !! curve: beyond it, storage and conductivity are not those that the change was computed with.
+    !! Pores that fill stop at zero pressure, suctions at most double or grow by gamma_w/alpha.
+    type(model_t), intent(in) :: model
+    real(wp), intent(in) :: pressure(:)     !! of the particles, before the step [Pa]
+    real(wp), intent(inout) :: step(:)      !! [Pa]
+    real(wp) :: suction, most
+    integer :: p
+
+    do p = 1, size(step)
+      associate (curve => model%retention(model%material(p)))
+        if (.not. curve%is_active) cycle
+        suction = max(0.0_wp, -pressure(p))
+        most = suction + max(suction, curve%unit_weight/curve%alpha)
+        step(p) = max(step(p), -most - pressure(p))
+        if (suction > 0.0_wp) step(p) = min(step(p), suction)
+      end associate
+    end do
+  end subroutine stay_near_kinks
 
   subroutine prepare_linearisation(model, time, pressure)
     !! Heads, relative conductivities and surface data that the equations are linearised at.

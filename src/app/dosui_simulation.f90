@@ -6,14 +6,17 @@ module dosui_simulation
   use dosui_equilibrium, only: find_equilibrium, find_geostatic_equilibrium
   use dosui_error, only: error_t
   use dosui_explicit, only: choose_explicit_step, explicit_step
+  use dosui_formula_trials, only: try_formulas
   use dosui_model, only: model_t
   use dosui_point_set, only: point_set_t
   use dosui_probes, only: check_probes
+  use dosui_problems, only: problems_t
   use dosui_result_fields, only: result_fields
   use dosui_quasi_static, only: quasi_static_t
   use dosui_run_files, only: run_files_t
   use dosui_safety, only: find_safety_factor
   use dosui_scene, only: scene_t
+  use dosui_scene_checks, only: check_choice
   use dosui_semi_implicit, only: choose_semi_implicit_step, semi_implicit_t
   use dosui_setup, only: describe_model, finish_setup, seed_model, setup_model
   use dosui_signals, only: signal_received, signals_watch
@@ -48,18 +51,23 @@ contains
     type(model_t) :: model
     type(run_files_t) :: files
     type(error_t) :: err
+    type(problems_t) :: refused
     character(len=:), allocatable :: problems
 
     problems = ''
     call setup_model(model, comm, scene)
+    status = status_bad_input
+    call check_choice(scene, model%integrator, model%choice%reason, refused)
+    if (say_refused(model, refused)) return
     call check_probes(scene%probe, result_fields(model), problems)
     if (len(restart) > 0) then
       call restore(model, files, restart, err)
     else
       call seed_model(model, problems, err)
     end if
-    status = status_bad_input
     if (report(model, problems, err)) return
+    call try_formulas(model, refused)
+    if (say_refused(model, refused)) return
     call finish_setup(model, err)
     if (report(model, problems, err)) return
     call describe_model(model)
@@ -82,6 +90,15 @@ contains
     if (report(model, problems, err)) return
     call summarise(model, status)
   end subroutine run_scene
+
+  logical function say_refused(model, refused) result(is_refused)
+    !! Shows what a scene that can be read asks for in vain.
+    type(model_t), intent(in) :: model
+    type(problems_t), intent(in) :: refused
+
+    is_refused = refused%count() > 0
+    if (is_refused .and. model%comm%is_root()) call refused%report()
+  end function say_refused
 
   subroutine say_step(model)
     !! The first time step, and what limits it.

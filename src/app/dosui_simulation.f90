@@ -2,6 +2,7 @@
 module dosui_simulation
   use dosui_kinds, only: wp, i8
   use dosui_dimension, only: ndim
+  use dosui_balance_search, only: balance_search_t
   use dosui_communicator, only: communicator_t
   use dosui_equilibrium, only: find_equilibrium, find_geostatic_equilibrium
   use dosui_error, only: error_t
@@ -35,6 +36,7 @@ module dosui_simulation
   integer, parameter, public :: to_run = 1, to_check = 2, to_find_safety = 3   !! purposes
   integer, parameter :: explicit_check_interval = 64  !! steps between looks at signals and NaN
   integer, parameter :: equilibrium_passes = 20       !! of updated scenes
+  real(wp), parameter :: noteworthy = 0.01_wp, untrusted = 0.1_wp   !! balance errors [-]
   real(wp), parameter :: settled = 1.0e-12_wp         !! of the first displacements [-]
   real(wp), parameter :: pass_reduction = 1.0e-9_wp   !! of their residual [-]
 
@@ -50,6 +52,7 @@ contains
     integer, intent(out) :: status
     type(model_t) :: model
     type(run_files_t) :: files
+    type(balance_search_t) :: search
     type(error_t) :: err
     type(problems_t) :: refused
     character(len=:), allocatable :: problems
@@ -86,9 +89,9 @@ contains
     status = status_failed
     if (report(model, problems, err)) return
     call signals_watch()
-    call advance(model, files, len(restart) == 0, status, err)
+    call advance(model, files, search, len(restart) == 0, status, err)
     if (report(model, problems, err)) return
-    call summarise(model, status)
+    call summarise(model, search, status)
   end subroutine run_scene
 
   logical function say_refused(model, refused) result(is_refused)
@@ -145,10 +148,11 @@ contains
     call model%log%info('restart      from '//path//' at t = '//to_text(model%clock%time)//' s')
   end subroutine restore
 
-  subroutine advance(model, files, from_start, status, err)
+  subroutine advance(model, files, search, from_start, status, err)
     !! The time loop.
     type(model_t), intent(inout) :: model
     type(run_files_t), intent(inout) :: files
+    type(balance_search_t), intent(inout) :: search
     logical, intent(in) :: from_start
     integer, intent(out) :: status
     type(error_t), intent(inout) :: err
@@ -200,6 +204,7 @@ contains
         call model%timers%start(model%phase%output)
         model%clock%output = model%clock%output + 1
         call files%write_step(model, err)
+        call search%look(model)
         call model%timers%stop(model%phase%output)
         if (err%failed()) return
       end if
@@ -511,9 +516,10 @@ contains
     seconds = real(now, wp)/real(rate, wp)
   end function wall_seconds
 
-  subroutine summarise(model, status)
+  subroutine summarise(model, search, status)
     !! Closing summary: time per phase over the ranks, particle-steps per second, warnings.
     type(model_t), intent(inout) :: model
+    type(balance_search_t), intent(in) :: search
     integer, intent(in) :: status
     real(wp) :: seconds, least, mean, most, total
     integer :: k
@@ -540,20 +546,32 @@ contains
                           to_text(real(n, wp)*real(model%clock%step, wp)/total, 3)// &
                           ', rebuilds '//to_text(model%rebuilds))
     end if
-    if (model%coupled) call say_balance(model)
+    if (model%coupled) call say_balance(model, search)
     if (model%removed > 0_i8) call model%log%info('particles removed '//to_text(model%removed))
     call model%log%summary()
   end subroutine summarise
 
-  subroutine say_balance(model)
-    !! The water's balance over the whole run. Collective.
-    type(model_t), intent(in) :: model
+  subroutine say_balance(model, search)
+    !! The water's balance over the whole run, and what an error of it means. Collective.
+    type(model_t), intent(inout) :: model
+    type(balance_search_t), intent(in) :: search
     real(wp), allocatable :: sums(:)
+    character(len=:), allocatable :: missing, place
 
     call balance_sums(model, sums)
+    missing = to_text(100.0_wp*balance_error(sums), 2)//' %'
     call model%log%info('water stored '//to_text(sums(1), 4)//' m3 = inflow '// &
                         to_text(sums(2), 4)//' + squeezed out of pores '//to_text(sums(3), 4)// &
-                        ', missing '//to_text(100.0_wp*balance_error(sums), 2)//' %')
+                        ', missing '//missing)
+    place = search%place(model)
+    if (balance_error(sums) <= noteworthy) return
+    if (len(place) > 0) place = ', most probably at '//place
+    call model%log%warning('the water balance misses '//missing//place)
+    if (balance_error(sums) <= untrusted) return
+    call model%log%info(repeat('*', 78))
+    call model%log%info('*** THE DISCHARGES OF THIS RUN ARE NOT TO BE TRUSTED: '//missing// &
+                        ' of the water is missing')
+    call model%log%info(repeat('*', 78))
   end subroutine say_balance
 
   function column(seconds) result(text)

@@ -763,6 +763,8 @@ contains
     if (checker%namelist%count('base_motion') > 0) then
       call check_pattern(checker, 'base_motion', 1, scene%base_motion%pattern)
       if (any(abs(scene%base_motion%acceleration) > 0.0_wp)) then
+        if (all(scene%material%rigid)) call checker%complain('base_motion', 1, '', 'moves '// &
+                                                             'nothing: all materials are rigid')
         if (scene%integrator == 'quasi_static') call checker%complain('base_motion', 1, '', reason)
       else if (checker%has('base_motion', 1, 'file') .or. &
                checker%has('base_motion', 1, 'formula') .or. &

@@ -2,21 +2,26 @@
 module dosui_simulation
   use dosui_kinds, only: wp, i8
   use dosui_dimension, only: ndim
+  use dosui_balance_search, only: balance_search_t
   use dosui_communicator, only: communicator_t
   use dosui_equilibrium, only: find_equilibrium, find_geostatic_equilibrium
   use dosui_error, only: error_t
   use dosui_explicit, only: choose_explicit_step, explicit_step
+  use dosui_formula_trials, only: try_formulas
   use dosui_model, only: model_t
   use dosui_point_set, only: point_set_t
   use dosui_probes, only: check_probes
+  use dosui_problems, only: problems_t
   use dosui_result_fields, only: result_fields
   use dosui_quasi_static, only: quasi_static_t
   use dosui_run_files, only: run_files_t
   use dosui_safety, only: find_safety_factor
   use dosui_scene, only: scene_t
+  use dosui_scene_checks, only: check_choice
   use dosui_semi_implicit, only: choose_semi_implicit_step, semi_implicit_t
   use dosui_setup, only: describe_model, finish_setup, seed_model, setup_model
   use dosui_signals, only: signal_received, signals_watch
+  use dosui_state_check, only: check_state, describe_particle, is_sound
   use dosui_text, only: to_text
   use dosui_topology, only: build_geometry, distribute, needs_rebuild, refresh_storage, &
                             refresh_weights
@@ -31,6 +36,7 @@ module dosui_simulation
   integer, parameter, public :: to_run = 1, to_check = 2, to_find_safety = 3   !! purposes
   integer, parameter :: explicit_check_interval = 64  !! steps between looks at signals and NaN
   integer, parameter :: equilibrium_passes = 20       !! of updated scenes
+  real(wp), parameter :: noteworthy = 0.01_wp, untrusted = 0.1_wp   !! balance errors [-]
   real(wp), parameter :: settled = 1.0e-12_wp         !! of the first displacements [-]
   real(wp), parameter :: pass_reduction = 1.0e-9_wp   !! of their residual [-]
 
@@ -46,19 +52,25 @@ contains
     integer, intent(out) :: status
     type(model_t) :: model
     type(run_files_t) :: files
+    type(balance_search_t) :: search
     type(error_t) :: err
+    type(problems_t) :: refused
     character(len=:), allocatable :: problems
 
     problems = ''
     call setup_model(model, comm, scene)
+    status = status_bad_input
+    call check_choice(scene, model%integrator, model%choice%reason, refused)
+    if (say_refused(model, refused)) return
     call check_probes(scene%probe, result_fields(model), problems)
     if (len(restart) > 0) then
       call restore(model, files, restart, err)
     else
       call seed_model(model, problems, err)
     end if
-    status = status_bad_input
     if (report(model, problems, err)) return
+    call try_formulas(model, refused)
+    if (say_refused(model, refused)) return
     call finish_setup(model, err)
     if (report(model, problems, err)) return
     call describe_model(model)
@@ -77,10 +89,19 @@ contains
     status = status_failed
     if (report(model, problems, err)) return
     call signals_watch()
-    call advance(model, files, len(restart) == 0, status, err)
+    call advance(model, files, search, len(restart) == 0, status, err)
     if (report(model, problems, err)) return
-    call summarise(model, status)
+    call summarise(model, search, status)
   end subroutine run_scene
+
+  logical function say_refused(model, refused) result(is_refused)
+    !! Shows what a scene that can be read asks for in vain.
+    type(model_t), intent(in) :: model
+    type(problems_t), intent(in) :: refused
+
+    is_refused = refused%count() > 0
+    if (is_refused .and. model%comm%is_root()) call refused%report()
+  end function say_refused
 
   subroutine say_step(model)
     !! The first time step, and what limits it.
@@ -127,10 +148,11 @@ contains
     call model%log%info('restart      from '//path//' at t = '//to_text(model%clock%time)//' s')
   end subroutine restore
 
-  subroutine advance(model, files, from_start, status, err)
+  subroutine advance(model, files, search, from_start, status, err)
     !! The time loop.
     type(model_t), intent(inout) :: model
     type(run_files_t), intent(inout) :: files
+    type(balance_search_t), intent(inout) :: search
     logical, intent(in) :: from_start
     integer, intent(out) :: status
     type(error_t), intent(inout) :: err
@@ -154,6 +176,7 @@ contains
       else if (model%scene%time%undrained_start .and. .not. model%rigid) then
         call undrained_start(model, err)
       end if
+      if (.not. err%failed()) call check_state(model, err)
       if (err%failed()) return
       call files%sample(model)
       call files%write_step(model, err)
@@ -169,9 +192,7 @@ contains
       else
         call step(model, semi_implicit, err)
       end if
-      if (mod(model%clock%step, check_interval) == 0 .or. model%clock%at_output()) then
-        call check_state(model, err)
-      end if
+      if (is_due(model, check_interval)) call check_state(model, err)
       if (err%failed()) then
         call model%comm%agree(err)
         call write_last_state(model, files, write_error)
@@ -183,6 +204,7 @@ contains
         call model%timers%start(model%phase%output)
         model%clock%output = model%clock%output + 1
         call files%write_step(model, err)
+        call search%look(model)
         call model%timers%stop(model%phase%output)
         if (err%failed()) return
       end if
@@ -216,6 +238,18 @@ contains
     end subroutine describe_solutions
   end subroutine advance
 
+  pure logical function is_due(model, check_interval) result(due)
+    !! Is the state to be looked at after this step? Now and then, and before it is written.
+    type(model_t), intent(in) :: model
+    integer, intent(in) :: check_interval   !! steps
+
+    associate (step => model%clock%step, every => model%scene%output%checkpoint_steps)
+      due = mod(step, check_interval) == 0 .or. model%clock%at_output() .or. &
+            step >= model%scene%time%maximum_steps
+      if (every > 0) due = due .or. mod(step, every) == 0
+    end associate
+  end function is_due
+
   subroutine step(model, semi_implicit, err)
     !! One step with inertia: choose dt, advance, follow the particles.
     type(model_t), intent(inout) :: model
@@ -239,9 +273,7 @@ contains
     type(model_t), intent(inout) :: model
     type(error_t), intent(inout) :: err
 
-    if (model%inverted > 0) then
-      call err%set(describe_particle(model, 'has lost all its volume (J <= 0)', model%inverted))
-    end if
+    call say_inverted(model, err)
     call model%comm%agree(err)   ! only in updated scenes can a single rank fail within a step
     if (err%failed()) return
     if (needs_rebuild(model)) then
@@ -250,6 +282,23 @@ contains
       call follow(model, err)
     end if
   end subroutine keep_up
+
+  subroutine say_inverted(model, err)
+    !! Names a particle that would have lost its volume or pores in this step, if there is one; NaN
+    !! is no volume either, but has its own cause.
+    type(model_t), intent(in) :: model
+    type(error_t), intent(inout) :: err
+
+    if (model%inverted == 0) return
+    if (model%fault%failed()) then
+      call err%set(model%fault%message)
+    else if (model%pores_close) then
+      call err%set(describe_particle(model, 'closes its pores: it is compressed beyond the '// &
+                                     'volume of its grains', model%inverted))
+    else
+      call err%set(describe_particle(model, 'loses all its volume (J <= 0)', model%inverted))
+    end if
+  end subroutine say_inverted
 
   subroutine rebuild(model, err)
     !! Particles go to their owners, everything that depends on places is built anew. Collective.
@@ -312,65 +361,13 @@ contains
   end subroutine remove_leavers
 
   subroutine write_last_state(model, files, err)
-    !! Before a run stops with an error: its state, if all of it is numbers. Collective.
+    !! Before a run stops with an error: its state, if it is possible. Collective.
     type(model_t), intent(inout) :: model
     type(run_files_t), intent(inout) :: files
     type(error_t), intent(inout) :: err
 
-    if (model%comm%all(first_unsound(model) == 0)) call files%write_step(model, err)
+    if (is_sound(model)) call files%write_step(model, err)
   end subroutine write_last_state
-
-  subroutine check_state(model, err)
-    !! Stops all ranks when a particle's state is not a number. Collective.
-    type(model_t), intent(inout) :: model
-    type(error_t), intent(inout) :: err
-    integer :: p
-
-    p = first_unsound(model)
-    if (p > 0) call err%set(describe_particle(model, 'has a state that is not a finite number', p))
-    call model%comm%agree(err)
-  end subroutine check_state
-
-  integer function first_unsound(model) result(p)
-    !! The first of this rank's particles whose state is not finite; 0: none.
-    type(model_t), intent(in) :: model
-
-    do p = 1, model%particles%count
-      if (.not. is_sound(model, p)) return
-    end do
-    p = 0
-  end function first_unsound
-
-  logical function is_sound(model, p) result(sound)
-    !! Are velocity, stress and pressure of a particle finite?
-    type(model_t), intent(in) :: model
-    integer, intent(in) :: p
-    real(wp) :: largest
-
-    associate (field => model%particles%field, h => model%p)
-      largest = huge(1.0_wp)
-      sound = all(abs(field(h%velocity)%values(:, p)) <= largest) .and. &
-              all(abs(field(h%effective_stress)%values(:, p)) <= largest)
-      if (h%pore_pressure > 0) sound = sound .and. &
-                                       abs(field(h%pore_pressure)%values(1, p)) <= largest
-    end associate
-  end function is_sound
-
-  function describe_particle(model, what, p) result(text)
-    !! Step, time, identity and position of a particle in trouble.
-    type(model_t), intent(in) :: model
-    character(len=*), intent(in) :: what
-    integer, intent(in) :: p
-    character(len=:), allocatable :: text
-    integer :: d
-
-    text = 'particle '//to_text(model%particles%id(p))//' '//what//' in step '// &
-           to_text(model%clock%step)//', t = '//to_text(model%clock%time)//' s, at ('
-    do d = 1, ndim
-      text = text//to_text(model%particles%field(model%p%position)%values(d, p))// &
-             merge(') m', ',  ', d == ndim)
-    end do
-  end function describe_particle
 
   subroutine geostatic_start(model, err)
     !! Effective stresses in equilibrium with weight, loads and pore pressures before the clock
@@ -519,9 +516,10 @@ contains
     seconds = real(now, wp)/real(rate, wp)
   end function wall_seconds
 
-  subroutine summarise(model, status)
+  subroutine summarise(model, search, status)
     !! Closing summary: time per phase over the ranks, particle-steps per second, warnings.
     type(model_t), intent(inout) :: model
+    type(balance_search_t), intent(in) :: search
     integer, intent(in) :: status
     real(wp) :: seconds, least, mean, most, total
     integer :: k
@@ -548,20 +546,32 @@ contains
                           to_text(real(n, wp)*real(model%clock%step, wp)/total, 3)// &
                           ', rebuilds '//to_text(model%rebuilds))
     end if
-    if (model%coupled) call say_balance(model)
+    if (model%coupled) call say_balance(model, search)
     if (model%removed > 0_i8) call model%log%info('particles removed '//to_text(model%removed))
     call model%log%summary()
   end subroutine summarise
 
-  subroutine say_balance(model)
-    !! The water's balance over the whole run. Collective.
-    type(model_t), intent(in) :: model
+  subroutine say_balance(model, search)
+    !! The water's balance over the whole run, and what an error of it means. Collective.
+    type(model_t), intent(inout) :: model
+    type(balance_search_t), intent(in) :: search
     real(wp), allocatable :: sums(:)
+    character(len=:), allocatable :: missing, place
 
     call balance_sums(model, sums)
+    missing = to_text(100.0_wp*balance_error(sums), 2)//' %'
     call model%log%info('water stored '//to_text(sums(1), 4)//' m3 = inflow '// &
                         to_text(sums(2), 4)//' + squeezed out of pores '//to_text(sums(3), 4)// &
-                        ', missing '//to_text(100.0_wp*balance_error(sums), 2)//' %')
+                        ', missing '//missing)
+    place = search%place(model)
+    if (balance_error(sums) <= noteworthy) return
+    if (len(place) > 0) place = ', most probably at '//place
+    call model%log%warning('the water balance misses '//missing//place)
+    if (balance_error(sums) <= untrusted) return
+    call model%log%info(repeat('*', 78))
+    call model%log%info('*** THE DISCHARGES OF THIS RUN ARE NOT TO BE TRUSTED: '//missing// &
+                        ' of the water is missing')
+    call model%log%info(repeat('*', 78))
   end subroutine say_balance
 
   function column(seconds) result(text)

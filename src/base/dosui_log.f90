@@ -50,20 +50,29 @@ contains
     if (self%is_root) call write_line(self%unit, text)
   end subroutine log_info
 
-  subroutine log_warning(self, text)
+  subroutine log_warning(self, text, detail)
     !! A warning on standard error; counted, and repeated in the closing summary. A warning with
-    !! the same text is written only the first time.
+    !! the same text is written only the first time; one with details that change also the 10th,
+    !! 100th, ... time.
     class(log_t), intent(inout) :: self
     character(len=*), intent(in) :: text
+    character(len=*), intent(in), optional :: detail   !! of this time, follows the text
     type(warning_t), allocatable :: more(:)
+    character(len=:), allocatable :: line
     integer :: k, n
 
     if (.not. self%is_root) return
     if (.not. allocated(self%warnings)) allocate (self%warnings(0))
+    line = 'warning: '//text
+    if (present(detail)) line = line//detail
     n = size(self%warnings)
     do k = 1, n
       if (self%warnings(k)%text == text) then
         self%warnings(k)%n = self%warnings(k)%n + 1
+        if (present(detail) .and. is_power_of_ten(self%warnings(k)%n)) then
+          call write_line(self%error_unit, line//' ('//to_text(self%warnings(k)%n)// &
+                          ' times so far)')
+        end if
         return
       end if
     end do
@@ -74,8 +83,20 @@ contains
     more(n + 1)%text = text
     more(n + 1)%n = 1
     call move_alloc(more, self%warnings)
-    call write_line(self%error_unit, 'warning: '//text)
+    call write_line(self%error_unit, line)
   end subroutine log_warning
+
+  pure logical function is_power_of_ten(n)
+    !! 10, 100, 1000, ...?
+    integer, intent(in) :: n
+    integer :: rest
+
+    rest = n
+    do while (rest > 1 .and. mod(rest, 10) == 0)
+      rest = rest/10
+    end do
+    is_power_of_ten = rest == 1
+  end function is_power_of_ten
 
   subroutine log_error(self, text)
     !! An error message on standard error; it does not stop anything.

@@ -11,6 +11,7 @@ module dosui_explicit
   use dosui_scene, only: name_length
   use dosui_seepage, only: seepage_t
   use dosui_skeleton_step, only: gather_forces, update_nodes, update_particles
+  use dosui_state_check, only: note_fault
   use dosui_super_time_stepping, only: stages_needed
   use dosui_time_control, only: step_limit_t
   use dosui_topology, only: refresh_storage
@@ -31,9 +32,11 @@ contains
     if (.not. model%rigid) then
       call gather_forces(model)
       call update_nodes(model)
+      call note_fault(model)
       call update_particles(model, err)
     end if
     if (.not. model%coupled) return
+    if (model%rigid) call note_fault(model)
     if (model%unsaturated) call refresh_storage(model)   ! it follows the pressures
     call update_pressure(model, drained)
     if (model%switching .and. drained) call review_surfaces(model)

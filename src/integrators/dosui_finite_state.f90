@@ -14,8 +14,8 @@ module dosui_finite_state
   use dosui_implicit_system, only: elastic_tangent, surface_gradients
   use dosui_model, only: model_t
   use dosui_pore_water, only: saturation_at
+  use dosui_state_check, only: describe_particle
   use dosui_stress_update, only: update_stress
-  use dosui_text, only: to_text
   use dosui_topology, only: build_water, refresh_weights
   implicit none
   private
@@ -210,8 +210,7 @@ contains
       do p = 1, n
         call invert(deformation(:, :, p), model%inverse_deformation(:, :, p), jacobian)
         if (.not. jacobian > 0.0_wp .and. .not. err%failed()) then
-          call err%set('particle '//to_text(model%particles%id(p))//' has lost all its volume '// &
-                       '(J <= 0)')
+          call err%set(describe_particle(model, 'loses all its volume (J <= 0)', p, .true.))
         end if
         model%own_volume(p) = model%filling(p)*v0(1, p)*jacobian
         total(model%cell(p)) = total(model%cell(p)) + model%own_volume(p)
@@ -225,6 +224,26 @@ contains
     end associate
   end subroutine find_volume_ratios
 
+  subroutine check_pores(self, model, ratio, err)
+    !! Particles that a motion compresses beyond the volume of their grains are an error.
+    class(finite_start_t), intent(in) :: self
+    type(model_t), intent(in) :: model
+    real(wp), intent(in) :: ratio(:)   !! J that particles take [-]
+    type(error_t), intent(inout) :: err
+    real(wp) :: grains
+    integer :: p
+
+    associate (v0 => model%particles%field(model%p%reference_volume)%values)
+      do p = 1, size(ratio)
+        grains = (1.0_wp - self%porosity(p))*self%volume(p)
+        if (ratio(p)*v0(1, p) > grains) cycle
+        call err%set(describe_particle(model, 'closes its pores: it is compressed beyond the '// &
+                                       'volume of its grains', p, .true.))
+        return
+      end do
+    end associate
+  end subroutine check_pores
+
   subroutine find_stresses(self, model, deformation, err)
     !! Volumes, stresses, porosities and masses from deformation gradients: the elastic trial
     !! strains of the step, which models see as strain increments of its start.
@@ -237,6 +256,7 @@ contains
     integer :: p, n
 
     call find_volume_ratios(model, deformation, ratio, err)
+    if (.not. err%failed()) call check_pores(self, model, ratio, err)
     if (err%failed()) return
     n = model%particles%count
     allocate (increment(nsig, n), trial(nsig, n), value(3, n), axes(3, 3, n))

@@ -7,6 +7,7 @@ module dosui_model
   use dosui_cell_average, only: cell_average_t
   use dosui_cell_quadrature, only: cell_quadrature_t
   use dosui_communicator, only: communicator_t
+  use dosui_error, only: error_t
   use dosui_grid, only: grid_t
   use dosui_head_operator, only: head_operator_t
   use dosui_hydraulic_conditions, only: hydraulic_conditions_t
@@ -62,7 +63,10 @@ module dosui_model
     logical :: nonlinear = .false.   !! soils or suction need Newton's iterations, with kinks
     logical :: switching = .false.   !! surface points may change between head and flux
     logical :: finds_surface = .false.   !! free surfaces are found as bodies move
-    integer :: inverted = 0          !! a particle that lost all its volume; 0: none
+    integer :: inverted = 0          !! a particle that lost its volume or pores; 0: none
+    logical :: pores_close = .false. !! ... its pores
+    type(error_t) :: fault           !! the first impossible state of this rank ...
+    real(wp) :: fault_time = 0.0_wp  !! ... and when: all ranks look now and then [s]
     logical :: relaxing = .false.    !! an equilibrium is sought: particles keep their places
     logical :: averaged = .false.    !! volume change is averaged over cells
     logical :: centred = .false.     !! means of cells come from one gradient per cell

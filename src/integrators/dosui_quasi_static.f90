@@ -10,19 +10,22 @@
 !! Newton's iterations, at the end of which the state is that of the stage.
 module dosui_quasi_static
   use dosui_kinds, only: wp
-  use dosui_dimension, only: ndim
+  use dosui_dimension, only: ndim, nsig
   use dosui_error, only: error_t
   use dosui_finite_state, only: finite_start_t, refresh_finite
-  use dosui_implicit_system, only: add_hourglass_forces, implicit_system_t
+  use dosui_implicit_system, only: add_hourglass_forces, elastic_tangent, implicit_system_t
   use dosui_model, only: model_t
   use dosui_pore_water, only: content_change, mean_saturation, saturation_at, wet_masses
+  use dosui_progress_watch, only: progress_watch_t
   use dosui_scene, only: table_t
   use dosui_seepage, only: seepage_t
   use dosui_skeleton_step, only: gather_forces, gather_loads, update_particles, zero_velocities
   use dosui_small_state, only: small_start_t
+  use dosui_state_check, only: describe_particle, place_of
   use dosui_text, only: to_text
   use dosui_time_control, only: step_limit_t
   use dosui_topology, only: refresh_storage
+  use dosui_trouble, only: describe_trouble
   use dosui_water_balance, only: add_to_balance
   use dosui_water_step, only: add_sources, prepare_flow, set_surface_data, water_rate
   implicit none
@@ -48,6 +51,9 @@ module dosui_quasi_static
   real(wp), parameter :: still = 1.0e-4_wp
   !! of a cell: finite motions are not told apart below this times the tolerance, as logarithms
   !! round off against 1 [-]
+  real(wp), parameter :: stiff_share = 1.0e-3_wp      !! of elasticity, after a failed attempt [-]
+  integer, parameter :: stiff_steps = 10              !! that keep it
+  character(len=*), parameter :: by_accuracy = 'accuracy'   !! limits a step
   real(wp), parameter :: swing = 0.7_wp               !! least growth of increments that swing [-]
   real(wp), parameter :: least_relaxation = 0.125_wp  !! of their damping [-]
 
@@ -56,6 +62,10 @@ module dosui_quasi_static
     integer :: n_rejected = 0
     integer :: n_failed = 0          !! solutions that did not converge
     integer :: n_newton = 0          !! iterations so far
+    real(wp), private :: stiffening = 0.0_wp   !! share of elasticity in tangents [-]
+    integer, private :: n_stiff = 0            !! steps in a row with it
+    type(progress_watch_t), private :: watch
+    character(len=:), allocatable, private :: trouble   !! where the last failed attempt had it
     logical, private :: is_moved = .false.   !! the state is not that of the step's start
     type(finite_start_t), private :: start   !! of the present step, finite strains only
     type(small_start_t), private :: small_start   !! likewise, nonlinear small strains
@@ -68,6 +78,7 @@ module dosui_quasi_static
     procedure :: step => quasi_static_step
     procedure :: describe => quasi_static_describe
     procedure, private :: attempt
+    procedure, private :: handle_failure
     procedure, private :: newton_attempt
     procedure, private :: newton
     procedure, private :: take_start
@@ -114,6 +125,7 @@ contains
     do c = 1, size(model%scene%hydraulic_condition)
       call add_corners(model%scene%hydraulic_condition(c)%pattern%factor)
     end do
+    call self%watch%init(model%scene%time%end_time, model%clock%time)
     if (.not. model%next_dt > 0.0_wp) then
       model%next_dt = merge(first_fraction, first_load, model%coupled)*model%scene%time%end_time
     end if
@@ -191,23 +203,18 @@ contains
     class(quasi_static_t), intent(inout) :: self
     type(model_t), intent(inout) :: model
     type(error_t), intent(inout) :: err
-    type(step_limit_t) :: limits(1)
     type(error_t) :: failure
     real(wp), allocatable :: motion(:, :), pressure(:)
     real(wp) :: error_norm, growth
     integer :: k, failures
-    logical :: changed
+    logical :: changed, is_done
 
     failures = 0
+    is_done = .false.
     call self%seepage%start_step(model)
     if (model%unsaturated) call refresh_storage(model)   ! it follows the pressures
     do k = 1, attempts
-      limits(1)%name = 'accuracy'
-      limits(1)%dt = model%next_dt
-      if (.not. (model%coupled .or. model%nonlinear)) limits(1)%dt = model%scene%time%end_time
-      call model%clock%choose_step(model%scene%time, limits)
-      call stop_at_corner(self, model)
-      call model%clock%round_step()
+      call choose_step(self, model)
       failure = error_t()
       if (model%finite .or. model%nonlinear) then
         call self%newton_attempt(model, motion, pressure, error_norm, failure)
@@ -215,53 +222,125 @@ contains
         call self%attempt(model, motion, pressure, error_norm, failure)
       end if
       if (failure%failed()) then
-        self%n_failed = self%n_failed + 1
-        if (self%system%turn_direct(model)) then
-          call factorise_instead(self, model, failure%message, err)
-          if (err%failed()) return
-          cycle
-        end if
-        model%next_dt = 0.25_wp*model%clock%dt
-        failures = failures + 1
-        if (.not. (model%coupled .or. model%nonlinear) .or. failures == solver_attempts) then
-          call err%set('quasi-static step at t = '//to_text(model%clock%time)//' s: '// &
-                       failure%message)
-          return
-        end if
-        call model%log%warning(failure%message//'; step repeated with dt = '// &
-                               to_text(model%next_dt)//' s')
+        call self%handle_failure(model, failure, failures, err)
+        if (err%failed()) return
         cycle
       end if
-      if (model%switching) then
-        associate (start => model%particles%field(model%p%pore_pressure)%values)
-          call self%seepage%review(model, model%clock%time + model%clock%dt, &
-                                   start(1, 1:size(pressure)) + pressure, changed)
-        end associate
-        if (changed) then
-          if (.not. (model%finite .or. model%nonlinear)) then
-            call self%system%build(model, .false., err)
-          end if
-          if (err%failed()) return
-          cycle
-        end if
+      call review_surfaces(self, model, pressure, changed, err)
+      if (err%failed()) return
+      if (changed) then
+        call self%watch%reject()
+        cycle
       end if
       growth = largest_growth
       if (error_norm > 0.0_wp) growth = safety*error_norm**(-1.0_wp/3.0_wp)
       growth = min(largest_growth, max(least_growth, growth))
-      if (error_norm <= reject_above .or. model%scene%time%time_step > 0.0_wp) exit
+      is_done = error_norm <= reject_above .or. model%scene%time%time_step > 0.0_wp
+      if (is_done) exit
       self%n_rejected = self%n_rejected + 1
+      call self%watch%reject()
       model%next_dt = growth*model%clock%dt
     end do
-    if (.not. (error_norm <= reject_above .or. model%scene%time%time_step > 0.0_wp)) then
-     call err%set('quasi-static step at t = '//to_text(model%clock%time)//' s: its error stays '// &
-                   'too large down to dt = '//to_text(model%clock%dt)//' s')
+    if (.not. is_done) then
+      call give_up(self, model, 'no step is accurate enough down to dt = '// &
+                   to_text(model%clock%dt, 6)//' s', err)
       return
     end if
     call accept(self, model, motion, pressure, err)
     if (growth > 1.0_wp .and. growth < worthwhile) growth = 1.0_wp
     model%next_dt = max(growth, merge(1.0_wp, 0.0_wp, error_norm <= 1.0_wp))*model%clock%dt
     call model%clock%advance()
+    self%n_stiff = self%n_stiff + 1
+    if (self%n_stiff >= stiff_steps) self%stiffening = 0.0_wp
+    call self%watch%accept(model%clock%time, model%clock%limit%name == by_accuracy)
+    if (self%watch%is_stuck()) call give_up(self, model, 'no progress', err)
   end subroutine quasi_static_step
+
+  subroutine choose_step(self, model)
+    !! The clock's step for the next attempt.
+    class(quasi_static_t), intent(in) :: self
+    type(model_t), intent(inout) :: model
+    type(step_limit_t) :: limits(1)
+
+    limits(1)%name = by_accuracy
+    limits(1)%dt = model%next_dt
+    if (.not. (model%coupled .or. model%nonlinear)) limits(1)%dt = model%scene%time%end_time
+    call model%clock%choose_step(model%scene%time, limits)
+    call stop_at_corner(self, model)
+    call model%clock%round_step()
+  end subroutine choose_step
+
+  subroutine handle_failure(self, model, failure, failures, err)
+    !! After an attempt without solution: direct solutions, or a smaller step, or the end.
+    !! Collective.
+    class(quasi_static_t), intent(inout) :: self
+    type(model_t), intent(inout) :: model
+    type(error_t), intent(in) :: failure
+    integer, intent(inout) :: failures    !! of this step
+    type(error_t), intent(inout) :: err
+
+    self%n_failed = self%n_failed + 1
+    if (self%system%turn_direct(model)) then
+      call factorise_instead(self, model, failure%message, err)
+      return
+    end if
+    failures = failures + 1
+    call self%watch%fail(model%clock%dt)
+    if (.not. self%stiffening > 0.0_wp .and. model%materials%is_nonlinear() .and. &
+        .not. model%rigid) then
+      self%stiffening = stiff_share   ! once more, with the same step
+      self%n_stiff = 0
+      return
+    end if
+    self%stiffening = 0.0_wp
+    if (.not. (model%coupled .or. model%nonlinear) .or. failures == solver_attempts .or. &
+        self%watch%is_stuck()) then
+      call give_up(self, model, failure%message, err)
+      return
+    end if
+    model%next_dt = 0.25_wp*model%clock%dt
+    call model%log%warning('steps had no solution and were repeated with a smaller dt', &
+                           ': at t = '//to_text(model%clock%time, 6)//' s with dt = '// &
+                           to_text(model%next_dt, 3)//' s ('//failure%message//')')
+  end subroutine handle_failure
+
+  subroutine give_up(self, model, reason, err)
+    !! Ends a run that gets nowhere: why, where, and what it usually means. The model is left with
+    !! the state of the last step. Collective.
+    class(quasi_static_t), intent(inout) :: self
+    type(model_t), intent(inout) :: model
+    character(len=*), intent(in) :: reason
+    type(error_t), intent(inout) :: err
+    type(error_t) :: ignored
+    real(wp), allocatable :: motion(:, :), pressure(:), supply(:)
+    character(len=:), allocatable :: text
+
+    text = 'the quasi-static steps end at t = '//to_text(model%clock%time)//' s: '//reason
+    if (allocated(self%trouble)) text = text//'; '//self%trouble
+    call err%set(text//' ('//self%watch%describe()//')')
+    if (.not. self%is_moved) return
+    call allocate_increments(model, motion, pressure, supply)
+    call self%move_from_start(model, motion, ignored)
+    self%is_moved = .false.
+  end subroutine give_up
+
+  subroutine review_surfaces(self, model, pressure, changed, err)
+    !! Surface points that choose between head and flux, after an attempt. Collective.
+    class(quasi_static_t), intent(inout) :: self
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: pressure(:)   !! increments [Pa]
+    logical, intent(out) :: changed       !! any point: the attempt does not count
+    type(error_t), intent(inout) :: err
+
+    changed = .false.
+    if (.not. model%switching) return
+    associate (start => model%particles%field(model%p%pore_pressure)%values)
+      call self%seepage%review(model, model%clock%time + model%clock%dt, &
+                               start(1, 1:size(pressure)) + pressure, changed)
+    end associate
+    if (.not. changed .or. model%finite .or. model%nonlinear) return
+    call self%system%build(model, .false., err)
+  end subroutine review_surfaces
 
   function quasi_static_describe(self) result(text)
     !! Repeated steps and linear solutions so far, for the closing summary.
@@ -377,6 +456,8 @@ contains
         force = model%nodal(2 + ndim:, :)
         call self%system%unknowns%prescribe(model, t, time, held, has_held)
       end if
+      call check_residual(model, force, supply, err)
+      if (err%failed()) return
       call model%timers%start(model%phase%solver)
       call self%system%solve(model, a, force, time, held, has_held, supply, &
                              direct_tolerance(self), is_guess, motion, pressure, err)
@@ -444,18 +525,24 @@ contains
     type(error_t), intent(inout) :: err
     real(wp), allocatable :: held(:, :), none(:, :), force(:, :), water(:), start(:)
     real(wp), allocatable :: step(:, :), pressure_step(:)
-    real(wp) :: scale, change, last_change, relaxation, t
+    real(wp) :: scale, change, last_change, motion_change, water_change, relaxation, t, &
+                residual, last_residual, relaxed
     integer :: k, n
-    logical :: has_held, damps
+    logical :: has_held, damps, is_falling
 
     n = model%particles%count
     allocate (held, none, step, mold=motion)
     none = 0.0_wp
     allocate (water(n), pressure_step(n), start(n), source=0.0_wp)
     if (model%coupled) start = model%particles%field(model%p%pore_pressure)%values(1, 1:n)
+    if (allocated(self%trouble)) deallocate (self%trouble)
     damps = model%nonlinear
     relaxation = 1.0_wp
     last_change = huge(1.0_wp)
+    last_residual = huge(1.0_wp)
+    relaxed = 1.0_wp
+    motion_change = 0.0_wp
+    water_change = 0.0_wp
     held = 0.0_wp
     has_held = .false.
     if (.not. model%rigid) then
@@ -473,6 +560,7 @@ contains
       t = model%clock%time
       model%clock%time = time
       if (model%unsaturated) call prepare_linearisation(model, time, start + pressure)
+      if (self%stiffening > 0.0_wp) call stiffen(model, self%stiffening)
       call self%system%build(model, .false., err)
       call model%timers%stop(model%phase%assembly)
       call self%force_residual(model, start + pressure, motion, force)
@@ -480,39 +568,157 @@ contains
       call add_pressure(model, -pressure)
       if (model%coupled) call self%water_residual(model, time, a, supply, start, pressure, water, &
                                                   err)
+      call check_residual(model, force, water, err)
+      if (err%failed()) return
+      residual = residual_norm(self, model, force, water)
       call model%timers%start(model%phase%solver)
       call self%system%solve(model, a, force, time, merge(held, none, has_held), has_held, &
                              water, direct_tolerance(self), .false., step, pressure_step, err)
       has_held = .false.
       call model%timers%stop(model%phase%solver)
-      if (err%failed()) return
       self%n_newton = self%n_newton + 1
+      if (err%failed()) exit
+      is_falling = residual <= (1.0_wp - 0.5_wp*relaxed)*last_residual
+      last_residual = residual
       if (damps) then   ! halved while they swing about a kink of suction or strength
+        if (is_falling) relaxation = min(1.0_wp, 4.0_wp*relaxation)
         step = relaxation*step
         pressure_step = relaxation*pressure_step
+        relaxed = relaxation
       end if
+      water_change = model%comm%maximum(maxval(abs(pressure_step)))
+      if (model%unsaturated) call stay_near_kinks(model, start + pressure, pressure_step)
       call self%advance_within(model, step, pressure_step, motion, pressure, err)
       associate (displacement => model%particles%field(model%p%displacement)%values)
         scale = model%comm%maximum(max(maxval(abs(motion)), maxval(abs(displacement)))) + &
                 merge(still, newton_tolerance, model%finite)*model%scene%grid_spacing
       end associate
-      change = model%comm%maximum(maxval(abs(step)))/scale
+      motion_change = model%comm%maximum(maxval(abs(step)))/scale
+      change = motion_change
       if (model%coupled) then
         scale = model%comm%maximum(maxval(abs(start + pressure))) + model%pressure_scale + &
                 newton_tolerance*self%system%pressure
-        change = max(change, model%comm%maximum(maxval(abs(pressure_step)))/scale)
+        water_change = water_change/scale
+        change = max(change, water_change)
       end if
       if (damps) then
         change = change/relaxation
         relaxation = min(1.0_wp, 2.0_wp*relaxation)
-        if (k > 2 .and. change > swing*last_change) relaxation = max(least_relaxation, &
-                                                                     0.25_wp*relaxation)
+        if (k > 2 .and. change > swing*last_change .and. .not. is_falling) then
+          relaxation = max(least_relaxation, 0.25_wp*relaxation)
+        end if
         last_change = change
       end if
       if (change <= merge(kink_tolerance, newton_tolerance, damps) .and. .not. err%failed()) return
     end do
-    call err%set('Newton''s iterations do not converge (last change '//to_text(change)//')')
+    if (.not. err%failed()) then
+      call err%set('Newton''s iterations do not converge (last change '//to_text(change, 3)//')')
+    end if
+    call note_trouble(self, model, force, pressure_step, water_change > motion_change)
   end subroutine newton
+
+  subroutine check_residual(model, force, water, err)
+    !! Says where forces or flows are not finite numbers before a solver hears of it. Collective.
+    type(model_t), intent(in) :: model
+    real(wp), intent(in) :: force(:, :)   !! of nodes [N]
+    real(wp), intent(in) :: water(:)      !! of particles [m3]
+    type(error_t), intent(inout) :: err
+    integer :: k
+
+    if (.not. abs(sum(force)) <= huge(1.0_wp)) then
+      do k = 1, size(force, 2)
+        if (all(abs(force(:, k)) <= huge(1.0_wp))) cycle
+        call err%set('the force on the body at '// &
+                     place_of(model%grid%origin + model%grid%spacing* &
+                              real(model%grid%node_index(:, k), wp))// &
+                     ' is not a finite number: see loads and sources')
+      end do
+    end if
+    if (.not. abs(sum(water)) <= huge(1.0_wp)) then
+      do k = 1, size(water)
+        if (abs(water(k)) <= huge(1.0_wp)) cycle
+        call err%set(describe_particle(model, 'takes up water that is not a finite number', k, &
+                                       .true.))
+      end do
+    end if
+    call model%comm%agree(err)
+  end subroutine check_residual
+
+  real(wp) function residual_norm(self, model, force, water) result(norm)
+    !! Unbalanced forces of free nodes and missing water, in the units of the system [-].
+    !! Collective.
+    class(quasi_static_t), intent(in) :: self
+    type(model_t), intent(in) :: model
+    real(wp), intent(in) :: force(:, :)   !! [N]
+    real(wp), intent(in) :: water(:)      !! [m3]
+    real(wp) :: squares
+    integer :: k
+
+    squares = sum((water/self%system%volume)**2)
+    if (.not. model%rigid) then
+      do k = 1, size(force, 2)
+        if (.not. model%grid%node_map%is_owned(k)) cycle
+        squares = squares + sum((force(:, k)/self%system%force)**2, &
+                                mask=.not. self%system%unknowns%is_held(:, k))
+      end do
+    end if
+    norm = sqrt(model%comm%sum(squares))
+  end function residual_norm
+
+  subroutine note_trouble(self, model, force, pressure_step, by_water)
+    !! Keeps where the worst residual of an attempt without solution is. Collective.
+    class(quasi_static_t), intent(inout) :: self
+    type(model_t), intent(in) :: model
+    real(wp), intent(in) :: force(:, :)        !! unbalanced [N]
+    real(wp), intent(in) :: pressure_step(:)   !! last change [Pa]
+    logical, intent(in) :: by_water            !! pressures change more than the skeleton moves
+    real(wp), allocatable :: before(:, :)
+
+    if (model%rigid) then
+      call describe_trouble(model, force, spread(spread(.true., 1, size(force, 1)), 2, &
+                                                 size(force, 2)), pressure_step, .true., before, &
+                            self%trouble)
+      return
+    end if
+    if (allocated(self%small_start%stress) .and. .not. model%finite) before = self%small_start%stress
+    call describe_trouble(model, force, .not. self%system%unknowns%is_held, pressure_step, &
+                          by_water, before, self%trouble)
+  end subroutine note_trouble
+
+  subroutine stiffen(model, share)
+    !! Mixes elasticity into the tangents: bodies that yield all over have no other resistance.
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: share   !! of elasticity [-]
+    real(wp) :: tangent(nsig, nsig)
+    integer :: p
+
+    if (.not. allocated(model%tangent)) return
+    do p = 1, model%particles%count
+      call elastic_tangent(model, p, tangent)
+      model%tangent(:, :, p) = (1.0_wp - share)*model%tangent(:, :, p) + share*tangent
+    end do
+  end subroutine stiffen
+
+  pure subroutine stay_near_kinks(model, pressure, step)
+    !! Kernel: limits an iteration's changes of pressure where they cross the kink of the retention
+    !! curve: beyond it, storage and conductivity are not those that the change was computed with.
+    !! Pores that fill stop at zero pressure, suctions at most double or grow by gamma_w/alpha.
+    type(model_t), intent(in) :: model
+    real(wp), intent(in) :: pressure(:)     !! of the particles, before the step [Pa]
+    real(wp), intent(inout) :: step(:)      !! [Pa]
+    real(wp) :: suction, most
+    integer :: p
+
+    do p = 1, size(step)
+      associate (curve => model%retention(model%material(p)))
+        if (.not. curve%is_active) cycle
+        suction = max(0.0_wp, -pressure(p))
+        most = suction + max(suction, curve%unit_weight/curve%alpha)
+        step(p) = max(step(p), -most - pressure(p))
+        if (suction > 0.0_wp) step(p) = min(step(p), suction)
+      end associate
+    end do
+  end subroutine stay_near_kinks
 
   subroutine prepare_linearisation(model, time, pressure)
     !! Heads, relative conductivities and surface data that the equations are linearised at.

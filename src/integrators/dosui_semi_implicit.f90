@@ -22,6 +22,7 @@ module dosui_semi_implicit
   use dosui_seepage, only: seepage_t
   use dosui_skeleton_step, only: book_wall_impulse, gather_forces, light_node_mass, update_nodes, &
                                  update_particles
+  use dosui_state_check, only: check_state, note_fault
   use dosui_text, only: to_text
   use dosui_time_control, only: step_limit_t
   use dosui_water_balance, only: add_to_balance
@@ -76,6 +77,9 @@ contains
         allocate (self%taken(ndim, model%grid%n_node), source=0.0_wp)
       end if
       call update_nodes(model, by_walls, self%taken)
+      call note_fault(model)   ! before a solver hears of it
+      if (model%comm%any(model%fault%failed())) call check_state(model, err)
+      if (err%failed()) return
       if (allocated(by_walls)) call note_contacts(self, model, by_walls)
       call find_pressure(self, model, pressure, failure)
       if (.not. failure%failed()) exit

@@ -340,6 +340,7 @@ contains
     type(error_t), intent(inout) :: err
     real(wp), allocatable :: cell_strain(:), shift(:, :)
     integer :: n_inverted, first
+    logical :: closes
 
     call model%timers%start(model%phase%to_particles)
     call move_particles(model)
@@ -363,8 +364,11 @@ contains
       if (model%updated) then
         call update_volume(n, model%strain_increment, field(h%volume)%values, &
                            field(h%porosity)%values, n_inverted, cell=model%cell, &
-                           cell_volume_strain=cell_strain, first=first)
-        if (n_inverted > 0 .and. model%inverted == 0) model%inverted = first
+                           cell_volume_strain=cell_strain, first=first, closes=closes)
+        if (n_inverted > 0 .and. model%inverted == 0) then
+          model%inverted = first
+          model%pores_close = closes
+        end if
       end if
     end associate
     call model%timers%stop(model%phase%stress)

@@ -12,7 +12,7 @@ module dosui_scene_checks
   implicit none
   private
 
-  public :: check_scene, check_body_faces
+  public :: check_scene, check_body_faces, check_choice
 
   real(wp), parameter :: unit_tolerance = 1.0e-3_wp   !! of the length of a unit vector [-]
 
@@ -20,6 +20,7 @@ module dosui_scene_checks
     !! Finds the line of what a check complains about.
     type(namelist_t) :: namelist
     type(problems_t) :: problems
+    character(len=:), allocatable :: choice   !! a remark on every problem; unallocated: none
   contains
     procedure :: complain => checker_complain
     procedure :: has => checker_has
@@ -59,6 +60,29 @@ contains
     problems = checker%problems
   end subroutine check_scene
 
+  subroutine check_choice(scene, integrator, reason, problems)
+    !! The checks that ask for the integrator, once more where 'auto' has become one.
+    type(scene_t), intent(in) :: scene
+    character(len=*), intent(in) :: integrator   !! that will run the scene
+    character(len=*), intent(in) :: reason       !! why it was chosen
+    type(problems_t), intent(inout) :: problems
+    type(checker_t) :: checker
+    type(scene_t) :: chosen
+    type(problems_t) :: known   ! to whoever read the scene
+
+    if (scene%integrator /= 'auto') return
+    chosen = scene
+    chosen%integrator = integrator
+    checker%choice = " (integrator = 'auto' takes "//trim(integrator)//': '//reason//')'
+    call checker%namelist%scan(scene%text, scene%file, known)
+    checker%problems = problems
+    call check_integrator(checker, chosen)
+    call check_suction(checker, chosen)
+    call check_rigid_walls(checker, chosen)
+    call check_shaking(checker, chosen)
+    problems = checker%problems
+  end subroutine check_choice
+
   subroutine checker_complain(self, group, instance, key, reason, nearest)
     !! Adds a problem at the line of a key, or of its group if the key is not given.
     class(checker_t), intent(inout) :: self
@@ -66,21 +90,24 @@ contains
     integer, intent(in) :: instance
     character(len=*), intent(in) :: key, reason
     character(len=*), intent(in), optional :: nearest
+    character(len=:), allocatable :: text
     integer :: g, k
 
+    text = reason
+    if (allocated(self%choice)) text = text//self%choice
     g = self%namelist%find(group, instance)
     k = 0
     if (g > 0) k = self%namelist%group(g)%find(key)
     if (k > 0) then
       associate (given => self%namelist%group(g)%key(k))
-        call self%problems%add(self%namelist%file, given%line, group, key, given%shown(), reason, &
+        call self%problems%add(self%namelist%file, given%line, group, key, given%shown(), text, &
                                nearest)
       end associate
     else if (g > 0) then
       call self%problems%add(self%namelist%file, self%namelist%group(g)%line, group, key, '', &
-                             reason, nearest)
+                             text, nearest)
     else
-      call self%problems%add(self%namelist%file, 0, group, key, '', reason, nearest)
+      call self%problems%add(self%namelist%file, 0, group, key, '', text, nearest)
     end if
   end subroutine checker_complain
 
@@ -736,6 +763,8 @@ contains
     if (checker%namelist%count('base_motion') > 0) then
       call check_pattern(checker, 'base_motion', 1, scene%base_motion%pattern)
       if (any(abs(scene%base_motion%acceleration) > 0.0_wp)) then
+        if (all(scene%material%rigid)) call checker%complain('base_motion', 1, '', 'moves '// &
+                                                             'nothing: all materials are rigid')
         if (scene%integrator == 'quasi_static') call checker%complain('base_motion', 1, '', reason)
       else if (checker%has('base_motion', 1, 'file') .or. &
                checker%has('base_motion', 1, 'formula') .or. &
@@ -755,6 +784,17 @@ contains
     do k = 1, size(scene%mechanical_condition)
       if (scene%mechanical_condition(k)%kind == 'absorbing') then
         call checker%complain('mechanical_condition', k, 'kind', reason)
+      end if
+    end do
+    do k = 1, size(scene%region)
+      if (any(abs(scene%region(k)%velocity) > 0.0_wp)) then
+        call checker%complain('region', k, 'velocity', reason)
+      end if
+      if (abs(scene%region(k)%spin) > 0.0_wp) call checker%complain('region', k, 'spin', reason)
+    end do
+    do k = 1, size(scene%initial_state)
+      if (scene%initial_state(k)%mode_number > 0) then
+        call checker%complain('initial_state', k, 'mode_number', reason)
       end if
     end do
   end subroutine check_shaking

@@ -1,0 +1,111 @@
+!! Watches whether a run with steps of its own choice gets anywhere.
+!!
+!! Attempts at steps are counted in windows of a thousandth of the run. A window that takes too many
+!! of them, with too large a share that had to be repeated, or whose failed steps have shrunk to
+!! almost nothing, will not end in anybody's lifetime. Twice the time since the start begins a new
+!! window, too. Steps that the user has chosen do not count: they may be as small as they like.
+module dosui_progress_watch
+  use dosui_kinds, only: wp
+  use dosui_text, only: to_text
+  implicit none
+  private
+
+  real(wp), parameter :: window = 1.0e-3_wp       !! of the run [-]
+  integer, parameter :: most_attempts = 200       !! in a window, if many of them are repeated
+  integer, parameter :: most_failures = 30        !! of solutions in a window: these are costly
+  real(wp), parameter :: repeated_share = 0.25_wp    !! of the attempts: fewer are no trouble [-]
+  real(wp), parameter :: least_step = 1.0e-9_wp   !! of the run, of solutions that fail [-]
+  real(wp), parameter :: least_progress = 1.0e-7_wp  !! of the run, in a full window [-]
+
+  type, public :: progress_watch_t
+    private
+    real(wp) :: length = 0.0_wp      !! of the run [s]
+    real(wp) :: origin = 0.0_wp      !! of the run, or of its restart [s]
+    real(wp) :: start = 0.0_wp       !! of the window [s]
+    real(wp) :: now = 0.0_wp         !! end of the last step [s]
+    real(wp) :: smallest = huge(1.0_wp)   !! step whose solution failed in the window [s]
+    integer :: n_attempt = 0         !! in the window
+    integer :: n_failed = 0          !! of them: without solution
+    integer :: n_rejected = 0        !! of them: too inaccurate, or with other surface points
+  contains
+    procedure :: init => watch_init
+    procedure :: accept => watch_accept
+    procedure :: reject => watch_reject
+    procedure :: fail => watch_fail
+    procedure :: is_stuck => watch_is_stuck
+    procedure :: describe => watch_describe
+  end type progress_watch_t
+
+contains
+
+  subroutine watch_init(self, length, time)
+    !! Starts a watch.
+    class(progress_watch_t), intent(out) :: self
+    real(wp), intent(in) :: length   !! of the run [s]
+    real(wp), intent(in) :: time     !! now [s]
+
+    self%length = length
+    self%origin = time
+    self%start = time
+    self%now = time
+  end subroutine watch_init
+
+  pure subroutine watch_accept(self, time, is_chosen)
+    !! A step has ended.
+    class(progress_watch_t), intent(inout) :: self
+    real(wp), intent(in) :: time         !! its end [s]
+    logical, intent(in) :: is_chosen     !! its length was the integrator's own choice
+
+    self%now = time
+    if (is_chosen) self%n_attempt = self%n_attempt + 1
+    ! after loads that come at once steps grow with the time since then: that is progress, too
+    if (time - self%start < window*self%length .and. &
+        time - self%origin < 2.0_wp*(self%start - self%origin)) return
+    self%start = time
+    self%smallest = huge(1.0_wp)
+    self%n_attempt = 0
+    self%n_failed = 0
+    self%n_rejected = 0
+  end subroutine watch_accept
+
+  pure subroutine watch_reject(self)
+    !! An attempt is repeated although it had a solution.
+    class(progress_watch_t), intent(inout) :: self
+
+    self%n_attempt = self%n_attempt + 1
+    self%n_rejected = self%n_rejected + 1
+  end subroutine watch_reject
+
+  pure subroutine watch_fail(self, dt)
+    !! An attempt has found no solution.
+    class(progress_watch_t), intent(inout) :: self
+    real(wp), intent(in) :: dt   !! its step [s]
+
+    self%n_attempt = self%n_attempt + 1
+    self%n_failed = self%n_failed + 1
+    self%smallest = min(self%smallest, dt)
+  end subroutine watch_fail
+
+  pure logical function watch_is_stuck(self) result(stuck)
+    !! Is there no hope that the run ends?
+    class(progress_watch_t), intent(in) :: self
+    integer :: repeated
+
+    repeated = self%n_failed + self%n_rejected
+    stuck = self%n_failed >= most_failures .or. self%smallest < least_step*self%length
+    if (self%n_attempt < most_attempts) return
+    stuck = stuck .or. real(repeated, wp) >= repeated_share*real(self%n_attempt, wp) .or. &
+            self%now - self%start < least_progress*self%length
+  end function watch_is_stuck
+
+  function watch_describe(self) result(text)
+    !! What the window has seen.
+    class(progress_watch_t), intent(in) :: self
+    character(len=:), allocatable :: text
+
+    text = 'since t = '//to_text(self%start, 6)//' s '//to_text(self%n_attempt)// &
+           ' attempts at a step, '//to_text(self%n_failed)//' without solution, '// &
+           to_text(self%n_rejected)//' rejected'
+    if (self%n_failed > 0) text = text//', the smallest of '//to_text(self%smallest, 3)//' s'
+  end function watch_describe
+end module dosui_progress_watch

@@ -3,7 +3,8 @@ module dosui_simulation
   use dosui_kinds, only: wp, i8
   use dosui_dimension, only: ndim
   use dosui_communicator, only: communicator_t
-  use dosui_equilibrium, only: find_equilibrium, find_geostatic_equilibrium
+  use dosui_equilibrium, only: find_equilibrium, find_geostatic_equilibrium, load_scale_t, &
+                               mean_stress_size
   use dosui_error, only: error_t
   use dosui_explicit, only: choose_explicit_step, explicit_step
   use dosui_model, only: model_t
@@ -403,6 +404,7 @@ contains
     type(model_t), intent(inout) :: model
     type(error_t), intent(inout) :: err
     real(wp), allocatable :: before(:, :), before_surface(:, :)
+    type(load_scale_t) :: scale
     real(wp) :: first
     integer :: pass, n_iteration, last_iteration
 
@@ -414,7 +416,7 @@ contains
       before_surface = model%surface%field(model%s%displacement)%values(:, 1:model%surface%count)
       if (model%integrator == 'explicit') then
         call find_equilibrium(model, merge(pass_reduction, 0.0_wp, model%updated), n_iteration, &
-                              first, err)
+                              scale, err)
       else
         call solve_equilibrium(model, before, n_iteration, first, err)
       end if
@@ -451,7 +453,8 @@ contains
       if (n > 0) change = maxval(abs(displacement(:, 1:n) - before))
     end associate
     change = model%comm%maximum(change)
-    if (first < 0.0_wp) first = change
+    if (first < 0.0_wp) first = max(change, model%grid%spacing*mean_stress_size(model)/ &
+                                    model%skeleton_modulus)   ! of stresses that end in a cell
     if (change > settled*first) n_solution = n_solution + 1
   end subroutine solve_equilibrium
 

@@ -21,6 +21,7 @@ module dosui_equilibrium
                                  nodal_accelerations, update_particles, zero_velocities
   use dosui_text, only: to_text
   use dosui_water_step, only: update_pressure
+  use dosui_weak_ties, only: weak_ties_t
   implicit none
   private
 
@@ -55,6 +56,7 @@ module dosui_equilibrium
     logical :: is_weak = .false.              !! a motion was found that strains and does no work
     real(wp), allocatable :: moved(:, :)      !! motion that hourglass modes and ties resist [m]
     logical, allocatable :: is_empty(:, :)    !! with `moved`: components that nothing strains
+    type(weak_ties_t) :: ties                 !! with `moved`
   end type trial_t
 
   public :: find_equilibrium, find_geostatic_equilibrium, mean_stress_size
@@ -203,9 +205,7 @@ contains
       if (state%is_weak .and. .not. allocated(state%moved)) then   ! once more, with resistance
         model%particles = particles
         model%surface = surface
-        allocate (state%moved(ndim, model%grid%n_node), source=0.0_wp)
-        allocate (state%is_empty(ndim, model%grid%n_node))
-        call find_empty(model, state%is_empty)
+        call add_resistance(model, state)
         last_norm = huge(1.0_wp)
       end if
     end do
@@ -216,6 +216,18 @@ contains
                    to_text(norm/scale%loads)//' of the loads is left')
     end if
   end subroutine relax
+
+  subroutine add_resistance(model, state)
+    !! From here on weak modes are resisted as in implicit steps, and nodes hold on to the body that
+    !! it hardly touches. Collective.
+    type(model_t), intent(inout) :: model
+    type(trial_t), intent(inout) :: state
+
+    allocate (state%moved(ndim, model%grid%n_node), source=0.0_wp)
+    allocate (state%is_empty(ndim, model%grid%n_node))
+    call find_empty(model, state%is_empty)
+    call state%ties%find(model)
+  end subroutine add_resistance
 
   subroutine update_scale(model, norm, scale)
     !! Scales of the residuals: loads once, the stresses as they are. Collective.
@@ -307,7 +319,7 @@ contains
         call move_by(model, state, motion, err)
         if (.not. err%failed()) call look_twice(model, state, direction, scale, trial_length, &
                                                 trial, curvature, err)
-        if (err%failed() .or. state%is_weak) return
+        if (err%failed() .or. (state%is_weak .and. .not. allocated(state%moved))) return
       end if
       length = square/curvature
       motion = (length - trial_length)*direction
@@ -363,7 +375,7 @@ contains
     if (curvature > no_energy*way_square/first_length(model) .and. &
         curvature <= huge(1.0_wp)) return
     is_rigid = strain*model%grid%spacing <= rigid*motion_size()
-    if (allocated(state%moved) .or. is_rigid) then
+    if (allocated(state%moved)) then
       call err%set(describe_mechanism(model, direction, is_rigid))
     else
       call move_by(model, state, -trial_length*direction, err)
@@ -458,6 +470,7 @@ contains
     call gather_forces(model)
     if (allocated(state%moved)) then
       call add_hourglass_forces(model, state%moved, model%nodal(2 + ndim:, :))
+      call state%ties%add_forces(model, state%moved, model%nodal(2 + ndim:, :))
       where (state%is_empty) model%nodal(2 + ndim:, :) = 0.0_wp
     end if
     call nodal_accelerations(model, residual)

@@ -379,17 +379,24 @@ contains
     !! the springs of penalty walls.
     type(model_t), intent(inout) :: model
     type(error_t), intent(inout) :: err
+    real(wp), allocatable :: volume(:, :), porosity(:, :)
+    character(len=:), allocatable :: remains
     integer :: n_iteration, p
     logical :: stands
 
     n_iteration = 0
-    call find_geostatic_equilibrium(model, n_iteration, stands, err)
+    volume = model%particles%field(model%p%volume)%values
+    porosity = model%particles%field(model%p%porosity)%values
+    call find_geostatic_equilibrium(model, n_iteration, stands, err, remains)
     if (.not. (stands .or. err%failed())) then
       call err%set('the geostatic start found no equilibrium: the soils cannot carry the loads '// &
-                   '(dosui --safety finds by how much)')
+                   '(dosui --safety finds by how much); '//remains)
     end if
     if (err%failed()) return
     model%particles%field(model%p%displacement)%values = 0.0_wp
+    model%particles%field(model%p%volume)%values = volume
+    model%particles%field(model%p%porosity)%values = porosity
+    model%inverted = 0
     do p = 1, model%surface%count
       if (.not. model%finite .and. &
           model%scene%is_wall(nint(model%surface%field(model%s%surface)%values(1, p)))) cycle

@@ -63,7 +63,7 @@ module dosui_equilibrium
 
 contains
 
-  subroutine find_geostatic_equilibrium(model, n_iteration, stands, err)
+  subroutine find_geostatic_equilibrium(model, n_iteration, stands, err, remains)
     !! Effective stresses in equilibrium with weight, loads and the pore pressures at hand, which
     !! stay. Soils that yield: initial-stress iterations, each an elastic solution whose strains
     !! the soils then take. Collective.
@@ -71,6 +71,8 @@ contains
     integer, intent(inout) :: n_iteration      !! in all
     logical, intent(out) :: stands             !! false: soils cannot carry the loads
     type(error_t), intent(inout) :: err
+    character(len=:), allocatable, intent(out), optional :: remains
+    !! then: how much is not carried, and where
     type(material_set_t) :: soils, elastic
     type(load_scale_t) :: scale
     type(trial_t) :: state
@@ -89,15 +91,16 @@ contains
     allocate (residual(ndim, model%grid%n_node))
     stress = model%particles%field(model%p%effective_stress)%values
     call take_strains(model, elastic, stress, err)   ! none yet: back to the yield surface
-    do k = 1, correction_limit
+    do k = 1, correction_limit + 1
       call model%comm%agree(err)
       if (err%failed()) return
       model%relaxing = .true.
       call find_residual(model, state, residual, norm)
       call update_scale(model, norm, scale)
       model%relaxing = .false.
-      stands = .not. (mod(k, round) == 1 .and. norm > least_gain*round_start)
-      if (.not. stands) return
+      stands = .not. (mod(k, round) == 1 .and. norm > least_gain*round_start .or. &
+                      k > correction_limit)
+      if (.not. stands) exit
       if (mod(k, round) == 1) round_start = norm
       if (norm <= max(balanced*scale%loads, noise*scale%stress)) return
       stress = model%particles%field(model%p%effective_stress)%values
@@ -107,7 +110,10 @@ contains
       if (err%failed()) return
       call take_strains(model, elastic, stress, err)
     end do
-    stands = .false.
+    if (present(remains)) then
+      remains = to_text(100.0_wp*norm/scale%loads, 2)//' % of the loads are not carried, around '// &
+                vector_text(centre_of(model, residual))//' m'
+    end if
   end subroutine find_geostatic_equilibrium
 
   function elastic_parts(soils) result(elastic)
@@ -205,6 +211,7 @@ contains
       if (state%is_weak .and. .not. allocated(state%moved)) then   ! once more, with resistance
         model%particles = particles
         model%surface = surface
+        model%inverted = 0
         call add_resistance(model, state)
         last_norm = huge(1.0_wp)
       end if
@@ -414,29 +421,45 @@ contains
     real(wp), intent(in) :: motion(:, :)   !! of the nodes, any size
     logical, intent(in) :: is_rigid        !! no particle is strained
     character(len=:), allocatable :: text
-    real(wp) :: sums(1 + 2*ndim), square, place(ndim), way(ndim)   ! weights, places, directions
+    real(wp) :: way(ndim), centre(ndim)
+    integer :: i
+
+    centre = centre_of(model, motion)
+    way = 0.0_wp
+    do i = 1, model%grid%n_node
+      if (.not. model%grid%node_map%is_owned(i)) cycle
+      way = way + model%nodal(1, i)*norm2(motion(:, i))*motion(:, i)
+    end do
+    call model%comm%sum_array(way)
+    if (norm2(way) > 0.0_wp) way = way/norm2(way)
+    if (is_rigid) then
+      text = 'the start found no equilibrium: the body around '//vector_text(centre)// &
+             ' m can move along '//vector_text(way)//' without resistance and is driven; '// &
+             'is it held by its mechanical conditions?'
+    else
+      text = 'the start found no equilibrium: the soil around '//vector_text(centre)// &
+             ' m gives way along '//vector_text(way)//' without resistance'
+    end if
+  end function describe_mechanism
+
+  function centre_of(model, motion) result(centre)
+    !! Centre of a nodal field, weighted with mass times its square [m]. Collective.
+    type(model_t), intent(in) :: model
+    real(wp), intent(in) :: motion(:, :)   !! (ndim, n_node)
+    real(wp) :: centre(ndim), sums(1 + ndim), square
     integer :: i
 
     sums = 0.0_wp
     do i = 1, model%grid%n_node
       if (.not. model%grid%node_map%is_owned(i)) cycle
-      square = model%nodal(1, i)*sum(motion(:, i)**2)
-      place = model%grid%origin + model%grid%spacing*real(model%grid%node_index(:, i), wp)
-      sums = sums + [square, square*place, square*motion(:, i)]
+      square = max(model%nodal(1, i), model%inertia(i))*sum(motion(:, i)**2)
+      centre = model%grid%origin + model%grid%spacing*real(model%grid%node_index(:, i), wp)
+      sums = sums + square*[1.0_wp, centre]
     end do
     call model%comm%sum_array(sums)
-    place = sums(2:1 + ndim)/sums(1)
-    way = sums(2 + ndim:)
-    if (norm2(way) > 0.0_wp) way = way/norm2(way)
-    if (is_rigid) then
-      text = 'the start found no equilibrium: the body around '//vector_text(place)// &
-             ' m can move along '//vector_text(way)//' without resistance and is driven; '// &
-             'is it held by its mechanical conditions?'
-    else
-      text = 'the start found no equilibrium: the soil around '//vector_text(place)// &
-             ' m gives way along '//vector_text(way)//' without resistance'
-    end if
-  end function describe_mechanism
+    centre = 0.0_wp
+    if (sums(1) > 0.0_wp) centre = sums(2:)/sums(1)
+  end function centre_of
 
   function vector_text(vector) result(text)
     !! (x, y, z), three digits each.

@@ -30,6 +30,7 @@ class Box:
     dimension: int
     text: str
     fits: bool  # faces lie on grid lines
+    steady: bool  # and particles are not the single ones of their cells, unless they are even
     given: bool  # the initial state is in equilibrium, point by point
     even: bool  # particles on the grid's own lattice
     start: str  # geostatic or undrained
@@ -55,7 +56,10 @@ def box(seed: int) -> Box:
     cells = [draw.randint(1, 4) for _ in range(dimension - 1)] + [draw.randint(2, 6)]
     if dimension == 3:
         cells = [min(n, 3) for n in cells[:2]] + [min(cells[2], 4)]
-    fits = draw.random() < 0.5
+    deformation = "small_strain"
+    if draw.random() < 0.2:
+        deformation = "finite" if integrator == "quasi_static" else "updated"
+    fits = draw.random() < 0.5 or deformation == "finite"   # its walls follow grid lines
     jitter = draw.choice([0.0, 0.0, 0.3])
     angle = draw.choice([0.0, 0.0, draw.uniform(-40, 40)]) if dimension > 1 else 0.0
     per_cell = draw.choice([1, 2, 2, 3]) if dimension < 3 else draw.choice([1, 2])
@@ -66,14 +70,8 @@ def box(seed: int) -> Box:
     low, height = corner[-1], size[-1]
     high = low + height
     shape = draw.choice(["linear"] * 4 + ["gimp", "bspline"])
-    deformation = "small_strain"
-    if integrator == "quasi_static" and draw.random() < 0.2:
-        deformation = "finite"
-    elif integrator != "quasi_static" and draw.random() < 0.2:
-        deformation, shape = "updated", draw.choice(["gimp", "bspline"])
-    if deformation == "finite":
-        fits_finite = fits
-        shape = "linear" if not fits_finite else shape
+    if deformation == "updated":
+        shape = draw.choice(["gimp", "bspline"])
     # (not too soft: an updated or finite box that its weight crushes is another matter)
     modulus = 10.0 ** draw.uniform(6.5, 8.5) * max(1.0, height / 5.0)
     nu = draw.choice([0.0, 0.2, 0.3, 0.45])
@@ -92,8 +90,11 @@ def box(seed: int) -> Box:
     vector = ", ".join
     numbers = lambda values: vector(repr(float(v)) for v in values)  # noqa: E731
     body = (1 - POROSITY) * SOLID + (POROSITY * WATER if wet else 0.0)
+    even = jitter == 0.0 and angle == 0.0
+    # (beside a free surface only an even lattice is in balance everywhere without cohesion)
+    cohesion = draw.choice([0.0 if even and fits else 1.0e3, 2.0e4])
     strength = (
-        f"model = 'mohr_coulomb' cohesion = {draw.choice([0.0, 1.0e3, 2.0e4])} "
+        f"model = 'mohr_coulomb' cohesion = {cohesion} "
         f"friction_angle = {draw.choice([30.0, 38.0])} dilation_angle = {draw.choice([0.0, 8.0])}"
         if yields
         else ""
@@ -144,9 +145,9 @@ def box(seed: int) -> Box:
                 kind = base if name == "z-" else "roller"
                 lines += [f"&mechanical_condition surface = '{name}' kind = '{kind}' /"]
     lines += ["&output name = 'box' /"]
-    even = jitter == 0.0 and angle == 0.0
+    steady = fits and (even or per_cell > 1)
     return Box(
-        seed, dimension, "\n".join(lines) + "\n", fits, given, even, start, wet, height, pond,
+        seed, dimension, "\n".join(lines) + "\n", fits, steady, given, even, start, wet, height, pond,
         load, yields, drained / (drained + bulk / POROSITY), body * GRAVITY,
     )  # fmt: skip
 
@@ -184,9 +185,11 @@ def faults(scene: Box, status: int, output: str, folder: Path) -> list[str]:
             wrong.append(f"{name}: not finite")
     iterations = int((re.findall(r"equilibrium after (\d+) iter", output) + ["0"])[0])
     found, right = mean_total_stress(scene, first, low)
-    if not abs(found - right) <= (1e-7 if scene.fits else 0.1) * scale:
+    # weights of disordered particles are not their volumes; in cut cells states are inexact yet
+    allowed = 0.5 if not scene.fits else 1e-7 if scene.even else 0.05
+    if not abs(found - right) <= allowed * scale:
         wrong.append(f"mean total stress {found:.6g} instead of {right:.6g}")
-    if not scene.fits:
+    if not scene.steady:
         return wrong
     if scene.start == "geostatic":
         for name, data in (("first", first), ("last", last)):

@@ -4,7 +4,8 @@ module dosui_simulation
   use dosui_dimension, only: ndim
   use dosui_balance_search, only: balance_search_t
   use dosui_communicator, only: communicator_t
-  use dosui_equilibrium, only: find_equilibrium, find_geostatic_equilibrium
+  use dosui_equilibrium, only: find_equilibrium, find_geostatic_equilibrium, load_scale_t, &
+                               mean_stress_size
   use dosui_error, only: error_t
   use dosui_explicit, only: choose_explicit_step, explicit_step
   use dosui_formula_trials, only: try_formulas
@@ -375,17 +376,24 @@ contains
     !! the springs of penalty walls.
     type(model_t), intent(inout) :: model
     type(error_t), intent(inout) :: err
+    real(wp), allocatable :: volume(:, :), porosity(:, :)
+    character(len=:), allocatable :: remains
     integer :: n_iteration, p
     logical :: stands
 
     n_iteration = 0
-    call find_geostatic_equilibrium(model, n_iteration, stands, err)
+    volume = model%particles%field(model%p%volume)%values
+    porosity = model%particles%field(model%p%porosity)%values
+    call find_geostatic_equilibrium(model, n_iteration, stands, err, remains)
     if (.not. (stands .or. err%failed())) then
       call err%set('the geostatic start found no equilibrium: the soils cannot carry the loads '// &
-                   '(dosui --safety finds by how much)')
+                   '(dosui --safety finds by how much); '//remains)
     end if
     if (err%failed()) return
     model%particles%field(model%p%displacement)%values = 0.0_wp
+    model%particles%field(model%p%volume)%values = volume
+    model%particles%field(model%p%porosity)%values = porosity
+    model%inverted = 0
     do p = 1, model%surface%count
       if (.not. model%finite .and. &
           model%scene%is_wall(nint(model%surface%field(model%s%surface)%values(1, p)))) cycle
@@ -400,6 +408,7 @@ contains
     type(model_t), intent(inout) :: model
     type(error_t), intent(inout) :: err
     real(wp), allocatable :: before(:, :), before_surface(:, :)
+    type(load_scale_t) :: scale
     real(wp) :: first
     integer :: pass, n_iteration, last_iteration
 
@@ -411,7 +420,7 @@ contains
       before_surface = model%surface%field(model%s%displacement)%values(:, 1:model%surface%count)
       if (model%integrator == 'explicit') then
         call find_equilibrium(model, merge(pass_reduction, 0.0_wp, model%updated), n_iteration, &
-                              first, err)
+                              scale, err)
       else
         call solve_equilibrium(model, before, n_iteration, first, err)
       end if
@@ -448,7 +457,8 @@ contains
       if (n > 0) change = maxval(abs(displacement(:, 1:n) - before))
     end associate
     change = model%comm%maximum(change)
-    if (first < 0.0_wp) first = change
+    if (first < 0.0_wp) first = max(change, model%grid%spacing*mean_stress_size(model)/ &
+                                    model%skeleton_modulus)   ! of stresses that end in a cell
     if (change > settled*first) n_solution = n_solution + 1
   end subroutine solve_equilibrium
 

@@ -5,25 +5,32 @@
 !! step's own kernels as operator: a trial motion changes stresses and pressures, and the change
 !! of the nodal accelerations is what the operator does to it. Conditions on nodes and rigid
 !! plates are projections in the mass norm and so commute with the preconditioner.
+!!
+!! Residuals are measured against what loads and stresses would do if nothing balanced them, never
+!! against their own first value: a body that is in equilibrium already has nothing to do.
 module dosui_equilibrium
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim, nsig
   use dosui_error, only: error_t
+  use dosui_implicit_system, only: add_hourglass_forces, find_empty
   use dosui_linear_elastic, only: linear_elastic_t
   use dosui_materials, only: material_set_t
   use dosui_model, only: model_t
-  use dosui_skeleton_step, only: gather_forces, nodal_accelerations, update_particles, &
-                                 zero_velocities
+  use dosui_point_set, only: point_set_t
+  use dosui_skeleton_step, only: gather_forces, gather_loads, light_node_mass, &
+                                 nodal_accelerations, update_particles, zero_velocities
   use dosui_text, only: to_text
   use dosui_water_step, only: update_pressure
+  use dosui_weak_ties, only: weak_ties_t
   implicit none
   private
 
   integer, parameter :: iteration_limit = 200000
   integer, parameter :: cycle_limit = 8               !! restarts from the true residual
   real(wp), parameter :: cycle_reduction = 1.0e-9_wp  !! of the residual before a restart [-]
-  real(wp), parameter :: round_off = 3.0e-14_wp       !! residual over its first value [-]
-  real(wp), parameter :: near_round_off = 1.0e-11_wp  !! likewise, where progress may end [-]
+  real(wp), parameter :: round_off = 3.0e-14_wp       !! residual over the loads [-]
+  real(wp), parameter :: noise = 1.0e-14_wp           !! residual over unbalanced stresses [-]
+  real(wp), parameter :: near_round_off = 1.0e-11_wp  !! over both, where progress may end [-]
   integer, parameter :: patience = 200                !! iterations without progress there
   real(wp), parameter :: acceptable = 1.0e-8_wp       !! at the end, or it is an error [-]
 
@@ -33,11 +40,30 @@ module dosui_equilibrium
   real(wp), parameter :: correction = 1.0e-2_wp        !! what each leaves of the residual [-]
   real(wp), parameter :: balanced = 1.0e-11_wp         !! residual over the weight [-]
 
-  public :: find_equilibrium, find_geostatic_equilibrium
+  real(wp), parameter :: soft = 1.0e-11_wp        !! energy that is looked at twice ...
+  real(wp), parameter :: no_energy = 1.0e-13_wp   !! ... that is none, over the stiffest motion's
+  real(wp), parameter :: rigid = 1.0e-5_wp        !! strain times spacing over motion [-]
+
+  type, public :: load_scale_t
+    !! Norms of accelerations in the masses, against which residuals are measured [sqrt(kg) m/s2].
+    real(wp) :: loads = -1.0_wp    !! of weight, loads and the first residual; < 0: not known yet
+    real(wp) :: stress = 0.0_wp    !! of stresses and pressures that end within a cell
+  end type load_scale_t
+
+  type :: trial_t
+    !! How trial motions act.
+    logical :: undrained = .false.            !! pressures follow the volume
+    logical :: is_weak = .false.              !! a motion was found that strains and does no work
+    real(wp), allocatable :: moved(:, :)      !! motion that hourglass modes and ties resist [m]
+    logical, allocatable :: is_empty(:, :)    !! with `moved`: components that nothing strains
+    type(weak_ties_t) :: ties                 !! with `moved`
+  end type trial_t
+
+  public :: find_equilibrium, find_geostatic_equilibrium, mean_stress_size
 
 contains
 
-  subroutine find_geostatic_equilibrium(model, n_iteration, stands, err)
+  subroutine find_geostatic_equilibrium(model, n_iteration, stands, err, remains)
     !! Effective stresses in equilibrium with weight, loads and the pore pressures at hand, which
     !! stay. Soils that yield: initial-stress iterations, each an elastic solution whose strains
     !! the soils then take. Collective.
@@ -45,17 +71,19 @@ contains
     integer, intent(inout) :: n_iteration      !! in all
     logical, intent(out) :: stands             !! false: soils cannot carry the loads
     type(error_t), intent(inout) :: err
+    character(len=:), allocatable, intent(out), optional :: remains
+    !! then: how much is not carried, and where
     type(material_set_t) :: soils, elastic
+    type(load_scale_t) :: scale
+    type(trial_t) :: state
     real(wp), allocatable :: residual(:, :), stress(:, :)
-    real(wp) :: first, start, norm   ! residuals: the first of all and of an elastic solution, now
-    real(wp) :: scale, round_start   ! of the weight; residual where this round began
-    integer :: k, n
+    real(wp) :: norm, round_start   ! residual now, and where this round began
+    integer :: k
 
     stands = .true.
-    first = -1.0_wp
     round_start = huge(1.0_wp)
     if (.not. model%materials%is_nonlinear()) then
-      call find_equilibrium(model, 0.0_wp, n_iteration, first, err, water_held=.true.)
+      call relax(model, state, 0.0_wp, n_iteration, scale, err)
       return
     end if
     soils = model%materials
@@ -63,30 +91,29 @@ contains
     allocate (residual(ndim, model%grid%n_node))
     stress = model%particles%field(model%p%effective_stress)%values
     call take_strains(model, elastic, stress, err)   ! none yet: back to the yield surface
-    scale = norm2(model%scene%gravity)*sqrt(model%comm%sum(sum( &
-                            model%particles%field(model%p%mass)%values(1, :model%particles%count))))
-    do k = 1, correction_limit
+    do k = 1, correction_limit + 1
       call model%comm%agree(err)
       if (err%failed()) return
       model%relaxing = .true.
-      call find_residual(model, residual, norm)
+      call find_residual(model, state, residual, norm)
+      call update_scale(model, norm, scale)
       model%relaxing = .false.
-      if (first < 0.0_wp) first = norm
-      stands = .not. (mod(k, round) == 1 .and. norm > least_gain*round_start)
-      if (.not. stands) return
+      stands = .not. (mod(k, round) == 1 .and. norm > least_gain*round_start .or. &
+                      k > correction_limit)
+      if (.not. stands) exit
       if (mod(k, round) == 1) round_start = norm
-      if (norm <= balanced*max(scale, first)) return
+      if (norm <= max(balanced*scale%loads, noise*scale%stress)) return
       stress = model%particles%field(model%p%effective_stress)%values
       model%materials = elastic
-      start = -1.0_wp
-      n = 0
-      call find_equilibrium(model, correction, n, start, err, water_held=.true.)
-      n_iteration = n_iteration + n
+      call relax(model, state, correction*norm/scale%loads, n_iteration, scale, err)
       model%materials = soils
       if (err%failed()) return
       call take_strains(model, elastic, stress, err)
     end do
-    stands = .false.
+    if (present(remains)) then
+      remains = to_text(100.0_wp*norm/scale%loads, 2)//' % of the loads are not carried, around '// &
+                vector_text(centre_of(model, residual))//' m'
+    end if
   end subroutine find_geostatic_equilibrium
 
   function elastic_parts(soils) result(elastic)
@@ -138,57 +165,141 @@ contains
     end associate
   end subroutine take_strains
 
-  subroutine find_equilibrium(model, reduction, n_iteration, first, err, water_held)
-    !! Brings the residual accelerations down to `reduction` times `first`, or to round-off.
-    !! Particles keep their places and do not move afterwards. Collective.
+  subroutine find_equilibrium(model, reduction, n_iteration, scale, err)
+    !! Undrained equilibrium: brings the residual accelerations down to `reduction` times the
+    !! loads', or to round-off. Particles keep their places and do not move afterwards. Collective.
     type(model_t), intent(inout) :: model
     real(wp), intent(in) :: reduction          !! wanted [-]; 0: round-off
     integer, intent(inout) :: n_iteration      !! in all
-    real(wp), intent(inout) :: first           !! norm of the first residual; < 0: not known yet
+    type(load_scale_t), intent(inout) :: scale
     type(error_t), intent(inout) :: err
-    logical, intent(in), optional :: water_held   !! pressures stay: the skeleton alone gives way
+    type(trial_t) :: state
+
+    state%undrained = model%coupled
+    call relax(model, state, reduction, n_iteration, scale, err)
+  end subroutine find_equilibrium
+
+  subroutine relax(model, state, reduction, n_iteration, scale, err)
+    !! As `find_equilibrium`, drained or undrained.
+    type(model_t), intent(inout) :: model
+    type(trial_t), intent(inout) :: state
+    real(wp), intent(in) :: reduction          !! wanted [-]; 0: round-off
+    integer, intent(inout) :: n_iteration      !! in all
+    type(load_scale_t), intent(inout) :: scale
+    type(error_t), intent(inout) :: err
+    type(point_set_t) :: particles, surface   ! before all motion
     real(wp), allocatable :: residual(:, :)
-    real(wp) :: norm, last_norm
-    logical :: undrained
+    real(wp) :: norm, last_norm, wanted, small
     integer :: k
 
-    undrained = model%coupled
-    if (present(water_held)) undrained = undrained .and. .not. water_held
     model%relaxing = .true.
     model%clock%dt = 1.0_wp   ! nodal velocities are displacements here
     allocate (residual(ndim, model%grid%n_node))
     last_norm = huge(1.0_wp)
     do k = 1, cycle_limit
-      call find_residual(model, residual, norm)
-      if (first < 0.0_wp) first = norm
-      if (norm <= max(reduction, round_off)*first .or. norm > 0.5_wp*last_norm) exit
+      call find_residual(model, state, residual, norm)
+      call update_scale(model, norm, scale)
+      wanted = max(max(reduction, round_off)*scale%loads, noise*scale%stress)
+      small = near_round_off*max(scale%loads, scale%stress)
+      if (norm <= wanted .or. norm > 0.5_wp*last_norm) exit
       last_norm = norm
-      call conjugate_gradients(model, max(cycle_reduction*norm, &
-                                          0.5_wp*max(reduction, round_off)*first), &
-                               near_round_off*first, undrained, residual, n_iteration, err)
+      if (k == 1) particles = model%particles
+      if (k == 1) surface = model%surface
+      call conjugate_gradients(model, state, max(cycle_reduction*norm, 0.5_wp*wanted), small, &
+                               scale, residual, n_iteration, err)
       if (err%failed()) exit
+      if (state%is_weak .and. .not. allocated(state%moved)) then   ! once more, with resistance
+        model%particles = particles
+        model%surface = surface
+        model%inverted = 0
+        call add_resistance(model, state)
+        last_norm = huge(1.0_wp)
+      end if
     end do
     model%relaxing = .false.
     if (err%failed()) return
-    if (.not. norm <= max(acceptable, reduction)*first) then
+    if (.not. norm <= max(max(acceptable, reduction)*scale%loads, small)) then
       call err%set('the start found no equilibrium: a residual of '// &
-                   to_text(norm/first)//' of the loads is left')
+                   to_text(norm/scale%loads)//' of the loads is left')
     end if
-  end subroutine find_equilibrium
+  end subroutine relax
 
-  subroutine conjugate_gradients(model, target_norm, small_norm, undrained, residual, &
+  subroutine add_resistance(model, state)
+    !! From here on weak modes are resisted as in implicit steps, and nodes hold on to the body that
+    !! it hardly touches. Collective.
+    type(model_t), intent(inout) :: model
+    type(trial_t), intent(inout) :: state
+
+    allocate (state%moved(ndim, model%grid%n_node), source=0.0_wp)
+    allocate (state%is_empty(ndim, model%grid%n_node))
+    call find_empty(model, state%is_empty)
+    call state%ties%find(model)
+  end subroutine add_resistance
+
+  subroutine update_scale(model, norm, scale)
+    !! Scales of the residuals: loads once, the stresses as they are. Collective.
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: norm                 !! of the residual at hand
+    type(load_scale_t), intent(inout) :: scale
+    real(wp), allocatable :: forces(:, :)
+    real(wp) :: sums(2)
+
+    sums = [sum(model%particles%field(model%p%mass)%values(1, 1:model%particles%count)), &
+            sum(model%weight(1:model%particles%count))]
+    call model%comm%sum_array(sums)
+    scale%stress = mean_stress_size(model)*sums(2)/(sqrt(sums(1))*model%grid%spacing)
+    if (scale%loads >= 0.0_wp) return
+    forces = model%nodal   ! those at hand are still wanted
+    call gather_loads(model)
+    scale%loads = max(norm, sqrt(force_product(model)))
+    model%nodal = forces
+  end subroutine update_scale
+
+  real(wp) function mean_stress_size(model) result(stress)
+    !! Root mean square of effective stresses and pore pressures together [Pa]. Collective.
+    type(model_t), intent(in) :: model
+    real(wp) :: sums(2), square
+    integer :: p
+
+    sums = 0.0_wp
+    do p = 1, model%particles%count
+      square = sum(model%particles%field(model%p%effective_stress)%values(:, p)**2)
+      if (model%coupled) square = square + &
+                              ndim*model%particles%field(model%p%pore_pressure)%values(1, p)**2
+      sums = sums + model%weight(p)*[square, 1.0_wp]
+    end do
+    call model%comm%sum_array(sums)
+    stress = sqrt(sums(1)/sums(2))
+  end function mean_stress_size
+
+  real(wp) function force_product(model) result(product)
+    !! Sum of f.f/m over the nodes that particles touch. Collective.
+    type(model_t), intent(in) :: model
+    integer :: i
+
+    product = 0.0_wp
+    do i = 1, model%grid%n_node
+      if (.not. model%grid%node_map%is_owned(i)) cycle
+      if (.not. model%nodal(1, i) > light_node_mass(model)) cycle
+      product = product + sum(model%nodal(2 + ndim:, i)**2)/max(model%nodal(1, i), model%inertia(i))
+    end do
+    product = model%comm%sum(product)
+  end function force_product
+
+  subroutine conjugate_gradients(model, state, target_norm, small_norm, scale, residual, &
                                  n_iteration, err)
     !! One run of the iteration. The motion of an iteration is completed together with the trial
     !! motion of the next one, so that an iteration costs as much as an explicit step.
     type(model_t), intent(inout) :: model
+    type(trial_t), intent(inout) :: state       !! weak on return: it ended, and needs resistance
     real(wp), intent(in) :: target_norm
     real(wp), intent(in) :: small_norm          !! below this it may end without progress, too
-    logical, intent(in) :: undrained            !! pressures follow the volume
+    type(load_scale_t), intent(in) :: scale
     real(wp), intent(inout) :: residual(:, :)   !! accelerations of the nodes
     integer, intent(inout) :: n_iteration
     type(error_t), intent(inout) :: err
     real(wp), allocatable :: direction(:, :), trial(:, :), motion(:, :)
-    real(wp) :: square, new_square, best_square, curvature, length, trial_length, norm
+    real(wp) :: square, new_square, best_square, curvature, length, trial_length, norm, way_square
     integer :: n_idle
 
     allocate (direction, source=residual)
@@ -196,22 +307,26 @@ contains
     allocate (trial, mold=residual)
     motion = 0.0_wp
     square = mass_product(model, residual, residual)
+    way_square = square
     best_square = square
     n_idle = 0
     trial_length = first_length(model)
     do
       motion = motion + trial_length*direction
-      call move_by(model, motion, undrained, err)
+      call move_by(model, state, motion, err)
       if (err%failed()) return
-      call find_residual(model, trial, norm)
+      call find_residual(model, state, trial, norm)
       trial = (residual - trial)/trial_length      ! what the operator makes of the direction
       curvature = mass_product(model, direction, trial)
       n_iteration = n_iteration + 1
-      if (.not. (curvature > 0.0_wp .and. curvature <= huge(1.0_wp))) then
+      if (.not. (curvature > soft*way_square/first_length(model) .and. &
+                 curvature <= huge(1.0_wp))) then
+        motion = -trial_length*direction
         if (square <= small_norm**2) exit
-        call err%set('the start found no equilibrium: the body can move without '// &
-                     'resistance; is it held by its mechanical conditions?')
-        return
+        call move_by(model, state, motion, err)
+        if (.not. err%failed()) call look_twice(model, state, direction, scale, trial_length, &
+                                                trial, curvature, err)
+        if (err%failed() .or. (state%is_weak .and. .not. allocated(state%moved))) return
       end if
       length = square/curvature
       motion = (length - trial_length)*direction
@@ -231,11 +346,134 @@ contains
         return
       end if
       direction = residual + (new_square/square)*direction
+      way_square = new_square + (new_square/square)**2*way_square
       square = new_square
       trial_length = length
     end do
-    call move_by(model, motion, undrained, err)
+    call move_by(model, state, motion, err)
   end subroutine conjugate_gradients
+
+  subroutine look_twice(model, state, direction, scale, trial_length, trial, curvature, err)
+    !! The energy of a direction that seems to have none, from a motion so large that round-off of
+    !! the stresses does not matter. If there is none and forces drive the motion, nothing holds
+    !! the body: an error says where. The state is then beside itself by `trial_length`. Collective.
+    type(model_t), intent(inout) :: model
+    type(trial_t), intent(inout) :: state
+    real(wp), intent(in) :: direction(:, :)
+    type(load_scale_t), intent(in) :: scale
+    real(wp), intent(out) :: trial_length        !! of the motion
+    real(wp), intent(inout) :: trial(:, :)       !! what the operator makes of the direction
+    real(wp), intent(out) :: curvature
+    type(error_t), intent(inout) :: err
+    real(wp), allocatable :: residual(:, :)
+    real(wp) :: norm, way_square, strain
+    logical :: is_rigid
+
+    way_square = mass_product(model, direction, direction)
+    trial_length = max(scale%loads, scale%stress)*first_length(model)/sqrt(way_square)
+    allocate (residual, mold=direction)
+    call find_residual(model, state, residual, norm)
+    call move_by(model, state, trial_length*direction, err)
+    if (err%failed()) return
+    strain = strain_size(model)/trial_length
+    call find_residual(model, state, trial, norm)
+    trial = (residual - trial)/trial_length
+    curvature = mass_product(model, direction, trial)
+    if (curvature > no_energy*way_square/first_length(model) .and. &
+        curvature <= huge(1.0_wp)) return
+    is_rigid = strain*model%grid%spacing <= rigid*motion_size()
+    if (allocated(state%moved)) then
+      call err%set(describe_mechanism(model, direction, is_rigid))
+    else
+      call move_by(model, state, -trial_length*direction, err)
+      state%is_weak = .true.
+    end if
+
+  contains
+
+    real(wp) function motion_size() result(way)
+      !! Root mean square of the direction over the masses.
+      real(wp) :: mass
+
+      mass = model%comm%sum(sum(model%particles%field(model%p%mass)%values(1, &
+                                                                       1:model%particles%count)))
+      way = sqrt(way_square/mass)
+    end function motion_size
+  end subroutine look_twice
+
+  real(wp) function strain_size(model) result(strain)
+    !! Root mean square of the particles' last strain increments [-]. Collective.
+    type(model_t), intent(in) :: model
+    real(wp) :: sums(2)
+    integer :: p
+
+    sums = 0.0_wp
+    do p = 1, model%particles%count
+      sums = sums + model%weight(p)*[sum(model%strain_increment(:, p)**2), 1.0_wp]
+    end do
+    call model%comm%sum_array(sums)
+    strain = sqrt(sums(1)/sums(2))
+  end function strain_size
+
+  function describe_mechanism(model, motion, is_rigid) result(text)
+    !! Where a motion without resistance is, and where it goes. Collective.
+    type(model_t), intent(in) :: model
+    real(wp), intent(in) :: motion(:, :)   !! of the nodes, any size
+    logical, intent(in) :: is_rigid        !! no particle is strained
+    character(len=:), allocatable :: text
+    real(wp) :: way(ndim), centre(ndim)
+    integer :: i
+
+    centre = centre_of(model, motion)
+    way = 0.0_wp
+    do i = 1, model%grid%n_node
+      if (.not. model%grid%node_map%is_owned(i)) cycle
+      way = way + model%nodal(1, i)*norm2(motion(:, i))*motion(:, i)
+    end do
+    call model%comm%sum_array(way)
+    if (norm2(way) > 0.0_wp) way = way/norm2(way)
+    if (is_rigid) then
+      text = 'the start found no equilibrium: the body around '//vector_text(centre)// &
+             ' m can move along '//vector_text(way)//' without resistance and is driven; '// &
+             'is it held by its mechanical conditions?'
+    else
+      text = 'the start found no equilibrium: the soil around '//vector_text(centre)// &
+             ' m gives way along '//vector_text(way)//' without resistance'
+    end if
+  end function describe_mechanism
+
+  function centre_of(model, motion) result(centre)
+    !! Centre of a nodal field, weighted with mass times its square [m]. Collective.
+    type(model_t), intent(in) :: model
+    real(wp), intent(in) :: motion(:, :)   !! (ndim, n_node)
+    real(wp) :: centre(ndim), sums(1 + ndim), square
+    integer :: i
+
+    sums = 0.0_wp
+    do i = 1, model%grid%n_node
+      if (.not. model%grid%node_map%is_owned(i)) cycle
+      square = max(model%nodal(1, i), model%inertia(i))*sum(motion(:, i)**2)
+      centre = model%grid%origin + model%grid%spacing*real(model%grid%node_index(:, i), wp)
+      sums = sums + square*[1.0_wp, centre]
+    end do
+    call model%comm%sum_array(sums)
+    centre = 0.0_wp
+    if (sums(1) > 0.0_wp) centre = sums(2:)/sums(1)
+  end function centre_of
+
+  function vector_text(vector) result(text)
+    !! (x, y, z), three digits each.
+    real(wp), intent(in) :: vector(:)
+    character(len=:), allocatable :: text
+    integer :: d
+
+    text = '('
+    do d = 1, size(vector)
+      if (d > 1) text = text//', '
+      text = text//to_text(vector(d), 3)
+    end do
+    text = text//')'
+  end function vector_text
 
   real(wp) function first_length(model) result(length)
     !! A trial length of the right size: accelerations act over the time of the fastest wave [s2].
@@ -244,29 +482,36 @@ contains
     length = model%density*model%grid%spacing**2/model%stiffest
   end function first_length
 
-  subroutine find_residual(model, residual, norm)
+  subroutine find_residual(model, state, residual, norm)
     !! Accelerations of the nodes at rest, and their norm in the masses.
     type(model_t), intent(inout) :: model
+    type(trial_t), intent(in) :: state
     real(wp), intent(out) :: residual(:, :)
     real(wp), intent(out) :: norm
 
     call zero_velocities(model)
     call gather_forces(model)
+    if (allocated(state%moved)) then
+      call add_hourglass_forces(model, state%moved, model%nodal(2 + ndim:, :))
+      call state%ties%add_forces(model, state%moved, model%nodal(2 + ndim:, :))
+      where (state%is_empty) model%nodal(2 + ndim:, :) = 0.0_wp
+    end if
     call nodal_accelerations(model, residual)
     norm = sqrt(mass_product(model, residual, residual))
   end subroutine find_residual
 
-  subroutine move_by(model, motion, undrained, err)
+  subroutine move_by(model, state, motion, err)
     !! Stresses and, if undrained, pressures after a motion of the nodes.
     type(model_t), intent(inout) :: model
+    type(trial_t), intent(inout) :: state
     real(wp), intent(in) :: motion(:, :)   !! [m]
-    logical, intent(in) :: undrained
     type(error_t), intent(inout) :: err
 
     model%velocity_old = 0.0_wp
     model%velocity = motion
     call update_particles(model, err)
-    if (undrained) call update_pressure(model, .false.)
+    if (state%undrained) call update_pressure(model, .false.)
+    if (allocated(state%moved)) state%moved = state%moved + motion
     call model%comm%agree(err)
   end subroutine move_by
 

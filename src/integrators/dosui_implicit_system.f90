@@ -27,7 +27,7 @@ module dosui_implicit_system
   implicit none
   private
 
-  public :: add_hourglass_forces, elastic_tangent, surface_gradients
+  public :: add_hourglass_forces, elastic_tangent, find_empty, surface_gradients
 
   integer, parameter :: direct_limit(3) = [500000, 12000, 4000]   !! unknowns in 1-D, 2-D, 3-D
   integer, parameter :: last_resort = 20   !! times as many are factorised where iterations fail

@@ -377,14 +377,19 @@ contains
   contains
 
     subroutine update_with(state)
-      !! Stresses with these state variables.
+      !! Stresses with these state variables. A trial motion towards an equilibrium turns nothing.
       real(wp), intent(inout) :: state(:, :)
+      real(wp), allocatable :: spin(:, :)
 
+      if (.not. model%relaxing .and. allocated(model%spin)) then
+        call move_alloc(model%spin, spin)
+      end if
       call update_stress(model%materials, model%particles%count, model%material, &
                          model%strain_increment, &
                          model%particles%field(model%p%effective_stress)%values, state, err, &
                          cell=model%cell, cell_volume_strain=cell_strain, cell_shift=shift, &
-                         spin=model%spin, tangent=model%tangent)
+                         spin=spin, tangent=model%tangent)
+      if (allocated(spin)) call move_alloc(spin, model%spin)
     end subroutine update_with
   end subroutine update_particles
 

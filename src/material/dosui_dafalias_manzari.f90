@@ -509,6 +509,7 @@ contains
     real(wp) :: r(nsig), out(nsig), p, length
 
     call split(self, point%stress, p, r)
+    point%back(1:3) = point%back(1:3) - sum(point%back(1:3))/3.0_wp   ! round-off
     out = deviator_between(r, point%back)
     length = size_of(out)
     if (.not. length > 0.0_wp) return

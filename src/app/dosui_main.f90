@@ -10,8 +10,8 @@ program dosui_main
   use dosui_environment, only: choose_mpi_io
   use dosui_error, only: error_t
   use dosui_exit, only: exit_at_once, exit_with
-  use dosui_file_system, only: file_lock_t, lock_file, output_problem, unlock_file, &
-                               write_output
+  use dosui_file_system, only: file_lock_t, lock_file, output_problem, remove_link, &
+                               unlock_file, write_output
   use dosui_hdf5, only: hdf5_has_open_files
   use dosui_kinds, only: wp
   use dosui_log, only: log_t
@@ -118,6 +118,7 @@ contains
       return
     end if
     call run_scene(comm, scene, stem, line%restart, purpose, status)
+    if (comm%is_root() .and. purpose == to_run) call remove_link(stem//'.vtkhdf.part')   ! no step
     call unlock_file(lock)
   end subroutine run
 

@@ -8,6 +8,7 @@
 !! Reading turns the text into a program for a stack machine; what is constant is computed there.
 module dosui_expression
   use dosui_kinds, only: wp
+  use dosui_numbers, only: text_as_real
   use dosui_text, only: lower_case, nearest_name, to_text
   implicit none
   private
@@ -312,8 +313,9 @@ contains
   subroutine parse_number(parser)
     !! Digits with a point and an exponent (e or d), without sign.
     type(parser_t), intent(inout) :: parser
+    character(len=:), allocatable :: reason
     real(wp) :: x
-    integer :: first, last, mark, status
+    integer :: first, last, mark
 
     first = parser%at
     last = end_of(parser%text, first, digits)
@@ -332,9 +334,10 @@ contains
       ! without digits it is no exponent but a name that lacks its operator
       if (end_of(parser%text, mark, digits) >= mark) last = end_of(parser%text, mark, digits)
     end if
-    read (parser%text(first:last), *, iostat=status) x
-    if (status /= 0 .or. .not. abs(x) <= huge(x)) then
-      call parser%fail('the number at column '//to_text(first)//' is too large')
+    x = 0.0_wp
+    call text_as_real(parser%text(first:last), x, reason)
+    if (len(reason) > 0) then
+      call parser%fail('the number at column '//to_text(first)//' '//reason)
       return
     end if
     call parser%push(first, op_constant, x)

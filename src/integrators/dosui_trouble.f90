@@ -30,10 +30,13 @@ contains
     real(wp), allocatable, intent(in) :: before(:, :)   !! stresses at the step's start [Pa]
     character(len=:), allocatable, intent(out) :: text
     type(error_t) :: carrier   ! takes the text to all ranks
-    real(wp) :: worst, most, share, x(ndim)
+    real(wp) :: worst, most, share, reaction, x(ndim)
     integer :: k, owner
 
     share = yielding_share(model)
+    reaction = 0.0_wp
+    if (size(force) > 0) reaction = maxval(abs(force), mask=.not. is_free)
+    reaction = model%comm%maximum(max(0.0_wp, reaction))
     k = 0
     worst = -1.0_wp
     x = 0.0_wp
@@ -50,19 +53,20 @@ contains
     call model%comm%maximum_location(most, owner)
     if (owner == model%comm%rank) then
       call carrier%set('worst at '//place_of(x)// &
-                       surroundings(model, x, by_water, worst, share, before))
+                       surroundings(model, x, by_water, worst, share, reaction, before))
     end if
     call model%comm%agree(carrier)
     text = carrier%message
   end subroutine describe_trouble
 
-  function surroundings(model, x, by_water, worst, share, before) result(text)
+  function surroundings(model, x, by_water, worst, share, reaction, before) result(text)
     !! Material, surface and state of the particle nearest to a place.
     type(model_t), intent(in) :: model
     real(wp), intent(in) :: x(ndim)        !! [m]
     logical, intent(in) :: by_water
     real(wp), intent(in) :: worst          !! unbalanced force [N] or change of pressure [Pa]
     real(wp), intent(in) :: share          !! of the particles that yield [-]
+    real(wp), intent(in) :: reaction       !! largest of a held node [N]
     real(wp), allocatable, intent(in) :: before(:, :)   !! [Pa]
     character(len=:), allocatable :: text
     integer :: p, m
@@ -84,6 +88,9 @@ contains
         return
       end if
       text = text//': unbalanced force '//to_text(worst, 3)//' N'
+      if (reaction > 0.0_wp) then
+        text = text//' ('//to_text(100.0_wp*worst/reaction, 2)//' % of the largest reaction)'
+      end if
       if (.not. model%materials%is_nonlinear()) return
       if (allocated(before)) text = text//beyond_strength(model, p, before(:, p))
       text = text//', '//to_text(100.0_wp*share, 2)//' % of the particles yield'
@@ -103,16 +110,15 @@ contains
     integer, intent(in) :: p
     real(wp), intent(in) :: before(nsig)   !! stress at the start [Pa]
     character(len=:), allocatable :: text
-    real(wp) :: tangent(nsig, nsig), there
+    real(wp) :: tangent(nsig, nsig), there, elastic
 
     text = ''
     if (model%finite .or. .not. allocated(model%strain_increment)) return
     call elastic_tangent(model, p, tangent)
     there = norm2(model%particles%field(model%p%effective_stress)%values(:, p))
-    if (.not. there > 0.0_wp) return
-    text = ', elastic stresses would be '// &
-           to_text(norm2(before + matmul(tangent, model%strain_increment(:, p)))/there, 3)// &
-           ' times what the soil bears'
+    elastic = norm2(before + matmul(tangent, model%strain_increment(:, p)))
+    if (.not. (there > 0.0_wp .and. elastic > 1.01_wp*there)) return
+    text = ', elastic stresses would be '//to_text(elastic/there, 3)//' times what the soil bears'
   end function beyond_strength
 
   real(wp) function yielding_share(model) result(share)

@@ -19,10 +19,11 @@ module dosui_checksum
     integer(i8), private :: state = 0_i8
     integer(i8), private :: n = 0_i8       !! words
   contains
-    procedure, private :: add_integers => checksum_add_integers
-    procedure, private :: add_reals => checksum_add_reals
+    procedure :: add_integers => checksum_add_integers
+    procedure :: add_reals => checksum_add_reals
     generic :: add => add_integers, add_reals
     procedure :: add_text => checksum_add_text
+    procedure :: add_zeros => checksum_add_zeros
     procedure :: value => checksum_value
   end type checksum_t
 
@@ -74,6 +75,15 @@ contains
       call self%add(1, [transfer(piece, 0_i8)])
     end do
   end subroutine checksum_add_text
+
+  pure subroutine checksum_add_zeros(self, n)
+    !! Adds words that are zero.
+    class(checksum_t), intent(inout) :: self
+    integer(i8), intent(in) :: n
+
+    call go_on(self%state, n)
+    self%n = self%n + n
+  end subroutine checksum_add_zeros
 
   pure elemental integer(i8) function checksum_value(self) result(value)
     !! The checksum: state and number of words, so that leading zeros count, too.

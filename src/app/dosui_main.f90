@@ -4,6 +4,7 @@ program dosui_main
   use, intrinsic :: iso_fortran_env, only: output_unit
   use dosui_allocator, only: return_large_arrays
   use dosui_build_info, only: build_type, compiler, flags, git_hash, version
+  use dosui_checkpoint, only: find_checkpoint
   use dosui_command_line, only: command_line_t, read_command_line, usage
   use dosui_communicator, only: communicator_t, parallel_start, parallel_stop
   use dosui_directories, only: make_directory
@@ -14,6 +15,7 @@ program dosui_main
   use dosui_log, only: log_t
   use dosui_petsc, only: petsc_stop
   use dosui_problems, only: problems_t
+  use dosui_run_files, only: checkpoint_path
   use dosui_scene, only: scene_t
   use dosui_scene_reader, only: read_scene
   use dosui_scene_template, only: write_group_docs, write_template
@@ -96,8 +98,28 @@ contains
     purpose = to_run
     if (line%is_check) purpose = to_check
     if (line%is_safety) purpose = to_find_safety
+    if (line%is_continued) then
+      call find_restart(stem, err)
+      if (err%failed()) then
+        call log%error(err%message)
+        status = status_bad_input
+        return
+      end if
+    end if
     call run_scene(comm, scene, stem, line%restart, purpose, status)
   end subroutine run
+
+  subroutine find_restart(stem, err)
+    !! The checkpoint that --continue goes on from.
+    character(len=*), intent(in) :: stem    !! of the run's files
+    type(error_t), intent(inout) :: err
+    character(len=:), allocatable :: note
+
+    call find_checkpoint(comm, checkpoint_path(stem), line%restart, note, err)
+    if (err%failed()) return
+    if (len(line%restart) == 0) call log%info('no checkpoint of this scene: it starts')
+    if (len(note) > 0) call log%warning(note//'; the one before it is taken')
+  end subroutine find_restart
 
   subroutine print_elements(scene, status)
     !! Laboratory tests of the scene's soils.

@@ -43,6 +43,7 @@ module dosui_result_file
   character(len=*), parameter :: twin_name(2) = ['a', 'b']
   integer, parameter :: copy_rows = 1000000   !! rows a rank holds while copying
   ! checksums of a step: of time and place, ids, points, then of each field
+  character(len=*), parameter :: row_sums_name = 'Checksums/history'
   integer, parameter :: sum_place = 1, sum_ids = 2, sum_points = 3, n_first_sum = 3
 
   type, public :: result_field_t
@@ -101,6 +102,7 @@ module dosui_result_file
     integer(hid_t), private :: history_group = -1_hid_t
     integer(hid_t), allocatable, private :: field(:), history(:)
     integer(hid_t), private :: step_sums = -1_hid_t, row_sums = -1_hid_t   !! checksums
+    integer(i8), private :: row_capacity = 0_i8     !! of row_sums
     character(len=64), allocatable, private :: summed(:)     !! what step_sums are of
     integer(i8), allocatable, private :: kept_sums(:, :)     !! (summed, step) once checked
   contains
@@ -150,6 +152,7 @@ contains
     type(result_layout_t), intent(in) :: layout     !! of the continued run
     type(error_t), intent(inout) :: err
     type(result_file_t) :: old
+    type(error_t) :: damage
     integer :: n_kept
 
     call check_layout(layout, err)
@@ -157,15 +160,14 @@ contains
     if (err%failed()) return
     old%path = path
     old%has_name = .true.
-    call read_layout(old, comm, path, err)
-    call comm%agree(err)
-    if (err%failed()) then
-      call old%close(comm, err)
-      return
+    call read_layout(old, comm, path, damage)
+    call comm%agree(damage)
+    if (.not. damage%failed()) then
+      n_kept = count(old%time(:old%n_step) <= time + 4.0_wp*spacing(abs(time)))
+      call check_checksums(old, comm, n_kept, layout, damage)
     end if
-    n_kept = count(old%time(:old%n_step) <= time + 4.0_wp*spacing(abs(time)))
-    call check_checksums(old, comm, n_kept, layout, err)
-    if (err%failed()) then
+    if (damage%failed()) then
+      call err%set(named(path, damage%message))
       call old%close(comm, err)
       return
     end if
@@ -176,6 +178,15 @@ contains
     end if
     call comm%agree(err)
   end subroutine result_open_existing
+
+  pure function named(path, message) result(text)
+    !! What is wrong with a file, with its path.
+    character(len=*), intent(in) :: path, message
+    character(len=:), allocatable :: text
+
+    text = message
+    if (index(message, path) == 0) text = path//' is damaged: '//message
+  end function named
 
   subroutine result_write_step(self, comm, time, n, id, points, values, err)
     !! Adds a step. Ranks pass their own points in any order; they are stored by increasing id.
@@ -291,6 +302,9 @@ contains
       return
     end if
     n = int(n_new(1))
+    if (self%n_history + n > self%row_capacity) then
+      call grow_row_sums(self, comm, 2_i8*(self%n_history + n), err)
+    end if
     if (comm%is_root()) then
       allocate (column(n))
       do k = 1, size(self%history)
@@ -752,6 +766,31 @@ contains
     call hdf5_close_group(group, err)
   end subroutine build_checksums
 
+  subroutine grow_row_sums(self, comm, capacity, err)
+    !! Moves the checksums of the histories' rows to a larger table, which gets its name when it is
+    !! complete.
+    type(result_file_t), intent(inout) :: self
+    type(communicator_t), intent(in) :: comm
+    integer(i8), intent(in) :: capacity   !! rows there will be room for
+    type(error_t), intent(inout) :: err
+    character(len=*), parameter :: place = '/Commits/history_sums'
+    integer(hid_t) :: larger
+
+    call hdf5_create_dataset(self%file%id, place, hdf5_integer, 1, capacity, larger, err)
+    call copy_integers(comm, self%row_sums, larger, self%n_history, err)
+    call comm%agree(err)
+    if (err%failed()) return
+    call self%file%flush(err)
+    call hdf5_close_dataset(self%row_sums, err)
+    call hdf5_remove_link(self%file%id, row_sums_name, err)
+    call hdf5_create_hard_link(self%file%id, place, self%file%id, row_sums_name, err)
+    call self%file%flush(err)
+    call hdf5_remove_link(self%file%id, place, err)
+    call comm%agree(err)
+    self%row_sums = larger
+    self%row_capacity = capacity
+  end subroutine grow_row_sums
+
   pure function summed_names(layout) result(names)
     !! What the checksums of a step are of.
     type(result_layout_t), intent(in) :: layout
@@ -1055,7 +1094,8 @@ contains
                              self%field(k), err)
     end do
     call hdf5_open_dataset(self%file%id, 'Checksums/steps', self%step_sums, err)
-    call hdf5_open_dataset(self%file%id, 'Checksums/history', self%row_sums, err)
+    call hdf5_open_dataset(self%file%id, row_sums_name, self%row_sums, err)
+    if (.not. err%failed()) call hdf5_dataset_shape(self%row_sums, k, self%row_capacity, err)
     call hdf5_open_group(self%file%id, 'History', self%history_group, err)
     do k = 1, size(self%history)
       call hdf5_open_dataset(self%history_group, trim(self%layout%history(k)%name), &

@@ -29,9 +29,9 @@ def scene(maximum_steps: int = 0) -> str:
     """A small column that takes a moment; with checkpoint and four outputs."""
     text = scene_text("terzaghi/scene_1d.nml", spacing="0.05", end_time="0.08")
     text = text.replace("output_times = 4.905, 9.81, 19.62, 49.05", "output_interval = 0.02")
-    text = text.replace("&output", "&output\n  name = 'box'\n  history_interval = 0.001\n")
+    text = text.replace("name = 'terzaghi_1d'", "name = 'box'\n  history_interval = 0.001")
     if maximum_steps:
-        text = text.replace("end_time", f"maximum_steps = {maximum_steps}\n  end_time", 1)
+        text = text.replace("  end_time", f"  maximum_steps = {maximum_steps}\n  end_time", 1)
     return text
 
 

@@ -7,6 +7,8 @@ with the file's checksums; files of versions that had none are read without.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -90,8 +92,9 @@ class Result:
 
     def points(self, step: int) -> FloatArray:
         """Positions of the particles (n, 3) [m], as written."""
-        offset = int(self._steps["PointOffsets"][self._index(step)])
-        return self._rows(self._root["Points"], "Points", offset, step)
+        with self._reading():
+            offset = int(self._steps["PointOffsets"][self._index(step)])
+            return self._rows(self._root["Points"], "Points", offset, step)
 
     def field_names(self) -> list[str]:
         """Names of the fields stored for every particle."""
@@ -103,10 +106,11 @@ class Result:
 
     def field(self, name: str, step: int) -> FloatArray:
         """A field of one step, (n) or (n, components), in the unit of `field_unit`."""
-        data = self._field(name)
-        offsets = self._steps.get("PointDataOffsets", {})
-        table = offsets[name] if name in offsets else self._steps["PointOffsets"]
-        return self._rows(data, name, int(table[self._index(step)]), step)
+        with self._reading():
+            data = self._field(name)
+            offsets = self._steps.get("PointDataOffsets", {})
+            table = offsets[name] if name in offsets else self._steps["PointOffsets"]
+            return self._rows(data, name, int(table[self._index(step)]), step)
 
     def field_unit(self, name: str) -> str:
         """Unit of a field, '' for a pure number."""
@@ -132,8 +136,9 @@ class Result:
         if self._history is None or name not in self._history:
             known = ", ".join(self.history_names()) or "none"
             raise DosuiPostError(f"{self.path} has no history '{name}' (it has: {known})")
-        self._check_history()
-        return np.asarray(self._history[name][: self._n_entries], dtype=np.float64)
+        with self._reading():
+            self._check_history()
+            return np.asarray(self._history[name][: self._n_entries], dtype=np.float64)
 
     def history_unit(self, name: str) -> str:
         """Unit of a history, '' for a pure number."""
@@ -146,6 +151,14 @@ class Result:
         return int(np.argmin(np.abs(self.times - time)))
 
     # ------------------------------------------------------------------ inside
+
+    @contextmanager
+    def _reading(self) -> Iterator[None]:
+        """What HDF5 cannot read is damaged."""
+        try:
+            yield
+        except (KeyError, TypeError, ValueError, OSError, RuntimeError) as error:
+            raise DosuiPostError(f"{self.path} is damaged: {error}") from error
 
     def _read_layout(self) -> None:
         if "VTKHDF" not in self._file:
@@ -225,12 +238,13 @@ class Result:
         """
         if not self._sums:
             return 0
-        self._check_history()
-        for step in range(self.n_steps):
-            self.points(step)
-            for name in self.field_names():
-                self.field(name, step)
-            self._check_vertices(step)
+        with self._reading():
+            self._check_history()
+            for step in range(self.n_steps):
+                self.points(step)
+                for name in self._sums.keys() - {"place", "Points"}:
+                    self.field(name, step)
+                self._check_vertices(step)
         return len(self._sums) * self.n_steps + self._n_entries
 
     def _check_vertices(self, step: int) -> None:

@@ -4,18 +4,15 @@
 # Returns dosui's exit status: 0 finished, 3 stopped by the signal with a new checkpoint in OUTPUT
 # (submit again), anything else an error.
 
-dosui_checkpoint() {   # the newest checkpoint in OUTPUT, or nothing
-  ls -t "$OUTPUT"/*.restart.h5 2>/dev/null | head -n 1
-}
-
 dosui_job() {
-  local launcher status=0 earlier=1 interrupted=0 checkpoint restart=()
+  local launcher status=0 earlier=1 interrupted=0 started
   mkdir -p "$OUTPUT"
-  checkpoint=$(dosui_checkpoint)
-  if [ -n "$checkpoint" ]; then restart=(--restart "$checkpoint"); fi
-  touch "$OUTPUT/.job_started"
-  echo "$(date '+%F %T')  $SCENE ${restart[*]}"
-  "$@" "$DOSUI" "$SCENE" --output "$OUTPUT" "${restart[@]}" &
+  started="$OUTPUT/.job_started.$$"
+  touch "$started"
+  echo "$(date '+%F %T')  $SCENE"
+  # --continue looks for the checkpoint of this scene itself, by the name of its files, and refuses
+  # one that was written by another scene.
+  "$@" "$DOSUI" "$SCENE" --output "$OUTPUT" --continue &
   launcher=$!
   # The batch system signals this script; srun and mpirun hand SIGUSR1 on to every rank. SIGTERM
   # becomes SIGUSR1: after a SIGTERM mpirun kills the ranks within seconds, perhaps too soon.
@@ -30,10 +27,10 @@ dosui_job() {
   trap - USR1 TERM
   if [ "$status" -eq 127 ]; then status=$earlier; fi   # it had just ended when the signal came
   echo "$(date '+%F %T')  exit status $status"
-  checkpoint=$(dosui_checkpoint)
-  if [ "$status" -eq 3 ] && ! [ "$checkpoint" -nt "$OUTPUT/.job_started" ]; then
+  if [ "$status" -eq 3 ] && [ -z "$(find "$OUTPUT" -name '*.restart.h5' -newer "$started")" ]; then
     echo "no new checkpoint in $OUTPUT, so submitting again would never end" >&2
     status=1
   fi
+  rm -f "$started"
   return "$status"
 }

@@ -9,9 +9,10 @@ module dosui_command_line
 
   integer, parameter, public :: argument_length = 4096   !! the longest path of Linux
   integer, parameter :: option_length = 12
-  character(len=option_length), parameter :: options(10) = [character(len=option_length) :: &
+  character(len=option_length), parameter :: options(11) = [character(len=option_length) :: &
                                                  '--check', '--template', '--output', '--restart', &
-                                                  '--docs', '--elements', '--safety', '--version', &
+                                                 '--continue', '--docs', '--elements', &
+                                                            '--safety', '--version', &
                                                             '--help', '-h']
 
   type, public :: command_line_t
@@ -20,6 +21,7 @@ module dosui_command_line
     character(len=:), allocatable :: restart    !! path of a checkpoint, '' if not given
     character(len=:), allocatable :: docs       !! folder for the pages of the manual, '' if none
     integer :: dimension = 0                    !! of the template, 0 if not given
+    logical :: is_continued = .false.           !! go on from the run's own checkpoint, if any
     logical :: is_check = .false.
     logical :: is_elements = .false.
     logical :: is_safety = .false.
@@ -44,7 +46,11 @@ contains
            '  --check            read and check the scene, print everything that is wrong'// &
            newline// &
            '  --output DIR       write the files there instead of where the scene says'//newline// &
-           '  --restart FILE     go on from a checkpoint'//newline// &
+           '  --restart FILE     go on from a checkpoint; with --check or --safety: look at '// &
+           'its state'//newline// &
+           '  --continue         go on from the last checkpoint of this scene in the output '// &
+           'folder,'//newline// &
+           '                     or start if there is none'//newline// &
            '  --template [1|2|3] print a commented scene that runs, in so many dimensions (2)'// &
            newline// &
            '  --elements[=PA]    print laboratory tests of the scene''s soils as a table, at '// &
@@ -123,6 +129,9 @@ contains
       end if
       call set_option(line, option, value, equals > 0, err)
     end do
+    if (line%is_continued .and. len(line%restart) > 0) then
+      call err%set('--continue looks for a checkpoint itself, --restart names one: give one of them')
+    end if
     if (.not. err%failed() .and. len(line%scene) == 0 .and. line%is_run()) then
       call err%set('no scene is given (dosui --help explains)')
     end if
@@ -167,6 +176,8 @@ contains
       line%pressure = value
     case ('--output')
       line%output = value
+    case ('--continue')
+      line%is_continued = .true.
     case ('--restart')
       line%restart = value
     case ('--docs')

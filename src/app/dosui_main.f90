@@ -3,6 +3,7 @@
 program dosui_main
   use dosui_allocator, only: return_large_arrays
   use dosui_build_info, only: build_type, compiler, flags, git_hash, version
+  use dosui_checkpoint, only: find_checkpoint
   use dosui_command_line, only: command_line_t, read_command_line, usage
   use dosui_communicator, only: communicator_t, parallel_start, parallel_stop
   use dosui_directories, only: make_directory
@@ -18,6 +19,7 @@ program dosui_main
   use dosui_numbers, only: text_as_real
   use dosui_petsc, only: petsc_stop
   use dosui_problems, only: problems_t
+  use dosui_run_files, only: checkpoint_path
   use dosui_scene, only: scene_t
   use dosui_scene_reader, only: read_scene
   use dosui_scene_template, only: write_group_docs, write_template
@@ -112,6 +114,7 @@ contains
     if (line%is_safety) purpose = to_find_safety
     if (comm%is_root() .and. purpose == to_run) call take_files(stem, lock, err)
     call comm%agree(err)
+    if (line%is_continued .and. .not. err%failed()) call find_restart(stem, err)
     if (err%failed()) then
       call log%error(err%message)
       status = status_bad_input
@@ -139,6 +142,18 @@ contains
     end do
     if (.not. err%failed()) call lock_file(lock, stem//'.lock', err)
   end subroutine take_files
+
+  subroutine find_restart(stem, err)
+    !! The checkpoint that --continue goes on from.
+    character(len=*), intent(in) :: stem    !! of the run's files
+    type(error_t), intent(inout) :: err
+    character(len=:), allocatable :: note
+
+    call find_checkpoint(comm, checkpoint_path(stem), line%restart, note, err)
+    if (err%failed()) return
+    if (len(line%restart) == 0) call log%info('no checkpoint of this scene: it starts')
+    if (len(note) > 0) call log%warning(note//'; the one before it is taken')
+  end subroutine find_restart
 
   subroutine print_elements(scene, status)
     !! Laboratory tests of the scene's soils.

@@ -11,11 +11,16 @@ module dosui_run_files
   use dosui_probes, only: add_probe_columns, probe_value
   use dosui_result_fields, only: field_values, points_in_space, result_fields
   use dosui_result_file, only: result_field_t, result_file_t, result_layout_t
+  use dosui_scene_record, only: compare_records, write_record
   use dosui_surface_renewal, only: free_area
+  use dosui_text, only: to_text
   use dosui_water_balance, only: balance_error, balance_sums
   implicit none
   private
 
+  public :: checkpoint_path
+
+  integer, parameter :: step_digits = 10      !! in the names of checkpoints that are kept
   integer, parameter :: default_rows = 1000   !! history entries when the scene gives no interval
 
   character(len=1), parameter :: axis_name(3) = ['x', 'y', 'z']
@@ -25,12 +30,14 @@ module dosui_run_files
     type(result_file_t) :: result
     type(history_t) :: history
     character(len=:), allocatable :: stem      !! directory and name without suffix
+    character(len=:), allocatable, private :: record   !! of the scene, for checkpoints
     real(wp) :: history_interval = 0.0_wp      !! [s]
     real(wp) :: next_history = 0.0_wp          !! [s]
   contains
     procedure :: open => run_files_open
     procedure :: write_step => run_files_write_step
     procedure :: sample => run_files_sample
+    procedure :: checkpoint_path => run_files_checkpoint_path
     procedure :: write_checkpoint => run_files_write_checkpoint
     procedure :: read_checkpoint => run_files_read_checkpoint
     procedure :: close => run_files_close
@@ -53,6 +60,7 @@ contains
     if (.not. self%history_interval > 0.0_wp) then
       self%history_interval = model%scene%time%end_time/real(default_rows, wp)
     end if
+    if (restarted) self%next_history = min(self%next_history, next_row(self, model%clock%time))
     call define_history(self%history, model, err)
     layout%n_step_max = size(model%clock%output_time) + 2
     layout%n_point = model%comm%sum(int(model%particles%count, i8)) + model%removed
@@ -153,17 +161,25 @@ contains
     call model%comm%sum_array(sums)
   end function momenta
 
+  pure real(wp) function next_row(self, time) result(next)
+    !! When the histories get a row after a time [s].
+    class(run_files_t), intent(in) :: self
+    real(wp), intent(in) :: time   !! [s]
+    real(wp) :: intervals
+
+    intervals = aint(time/self%history_interval*(1.0_wp + 1.0e-12_wp))
+    next = (intervals + 1.0_wp)*self%history_interval
+  end function next_row
+
   subroutine run_files_sample(self, model)
     !! Adds a row to the histories when its time has come. Collective.
     class(run_files_t), intent(inout) :: self
     type(model_t), intent(inout) :: model
     real(wp), allocatable :: row(:), sums(:), water(:)
-    real(wp) :: intervals
     integer :: k, p
 
     if (model%clock%time < self%next_history*(1.0_wp - 1.0e-12_wp)) return
-    intervals = aint(model%clock%time/self%history_interval*(1.0_wp + 1.0e-12_wp))
-    self%next_history = (intervals + 1.0_wp)*self%history_interval
+    self%next_history = next_row(self, model%clock%time)
     sums = [0.0_wp, 0.0_wp, 0.0_wp]
     associate (field => model%particles%field, h => model%p)
       sums(1) = real(model%particles%count, wp)
@@ -215,27 +231,48 @@ contains
     call model%comm%agree(err)
   end subroutine run_files_write_step
 
-  subroutine run_files_write_checkpoint(self, model, err)
+  pure function run_files_checkpoint_path(self) result(path)
+    !! Where the last checkpoint is.
+    class(run_files_t), intent(in) :: self
+    character(len=:), allocatable :: path
+
+    path = checkpoint_path(self%stem)
+  end function run_files_checkpoint_path
+
+  pure function checkpoint_path(stem) result(path)
+    !! The last checkpoint of a run whose files begin with `stem`.
+    character(len=*), intent(in) :: stem
+    character(len=:), allocatable :: path
+
+    path = stem//'.restart.h5'
+  end function checkpoint_path
+
+  subroutine run_files_write_checkpoint(self, model, err, is_kept)
     !! Writes what a restart needs. Collective.
     class(run_files_t), intent(inout) :: self
     type(model_t), intent(inout) :: model
     type(error_t), intent(inout) :: err
+    logical, intent(in), optional :: is_kept   !! under a name of its own, with the step
     type(checkpoint_writer_t) :: writer
-    real(wp), allocatable :: balance(:), impulse(:)
+    character(len=:), allocatable :: path
+    logical :: keeps_previous
 
     call self%result%write_history(model%comm, self%history, err)   ! a restart keeps no rows
-    call writer%begin(model%comm, self%stem//'.restart.h5', model%scene%text, git_hash, err)
+    call model%comm%agree(err)
+    if (err%failed()) return
+    path = self%checkpoint_path()
+    keeps_previous = .true.
+    if (present(is_kept)) keeps_previous = .not. is_kept
+    if (.not. keeps_previous) path = kept_path(self%stem, model)
+    call take_record(self, model)
+    call writer%begin(model%comm, path, model%scene%text, git_hash, err, self%record, &
+                      keeps_previous)
     call writer%write_values(model%comm, 'clock', &
                              [model%clock%time, real(model%clock%step, wp), &
                               real(model%clock%output, wp), self%next_history, model%movement, &
                               real(model%removed, wp), real(model%brick_edge, wp), &
                               model%density, model%next_dt, model%pressure_scale], err)
-    call balance_sums(model, balance)
-    call writer%write_values(model%comm, 'balance', balance, err)
-    if (allocated(model%scene%rigid_wall)) then
-      impulse = momenta(model)
-      call writer%write_values(model%comm, 'wall_impulse', impulse(ndim + 1:), err)
-    end if
+    call writer%write_of_ranks(model%comm, 'balance', balance_of_rank(model), err)
     call writer%write_values(model%comm, 'bricks', brick_table(model), err)
     call writer%write_set(model%comm, 'particles', model%particles, err)
     call writer%write_set(model%comm, 'surface', model%surface, err)
@@ -243,23 +280,65 @@ contains
     call model%comm%agree(err)
   end subroutine run_files_write_checkpoint
 
+  pure function kept_path(stem, model) result(path)
+    !! Where a checkpoint that is kept goes; the names sort by the step.
+    character(len=*), intent(in) :: stem
+    type(model_t), intent(in) :: model
+    character(len=:), allocatable :: path
+    character(len=:), allocatable :: step
+
+    step = to_text(model%clock%step)
+    path = stem//'.restart.'//repeat('0', max(0, step_digits - len(step)))//step//'.h5'
+  end function kept_path
+
+  subroutine take_record(self, model)
+    !! Makes the record of the scene, once.
+    class(run_files_t), intent(inout) :: self
+    type(model_t), intent(in) :: model
+
+    if (.not. allocated(self%record)) call write_record(model%scene, model%integrator, self%record)
+  end subroutine take_record
+
+  pure function balance_of_rank(model) result(values)
+    !! This rank's running sums, so that they go on bit by bit.
+    type(model_t), intent(in) :: model
+    real(wp), allocatable :: values(:)
+
+    associate (balance => model%balance)
+      values = [balance%stored, balance%squeezed, balance%wall_impulse, balance%lost_impulse, &
+                balance%inflow]
+    end associate
+  end function balance_of_rank
+
+  pure subroutine take_balance(model, values)
+    !! Running sums from a checkpoint.
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: values(:)   !! as from `balance_of_rank`
+
+    associate (balance => model%balance)
+      balance%stored = values(1)
+      balance%squeezed = values(2)
+      balance%wall_impulse = values(3:2 + ndim)
+      balance%lost_impulse = values(3 + ndim:2 + 2*ndim)
+      balance%inflow = values(3 + 2*ndim:)
+    end associate
+  end subroutine take_balance
+
   subroutine run_files_read_checkpoint(self, model, path, same_ranks, err)
-    !! Reads a checkpoint into a model whose fields are registered. Collective.
+    !! Reads a checkpoint of the same scene into a model whose fields are registered. Collective.
     class(run_files_t), intent(inout) :: self
     type(model_t), intent(inout) :: model
     character(len=*), intent(in) :: path
     logical, intent(out) :: same_ranks
     type(error_t), intent(inout) :: err
     type(checkpoint_reader_t) :: reader
-    real(wp), allocatable :: clock(:), bricks(:), balance(:), impulse(:)
+    real(wp), allocatable :: clock(:), bricks(:), balance(:)
 
     same_ranks = .false.
     call reader%begin(model%comm, path, err)
     if (.not. err%failed()) call reader%read_values(model%comm, 'clock', clock, err)
-    if (.not. err%failed()) call reader%read_values(model%comm, 'balance', balance, err)
-    if (allocated(model%scene%rigid_wall) .and. .not. err%failed()) then
-      call reader%read_values(model%comm, 'wall_impulse', impulse, err)
-    end if
+    if (.not. err%failed()) call compare_scenes(self, model, reader, path, clock(1), err)
+    if (.not. err%failed()) call reader%read_of_ranks(model%comm, 'balance', balance, err)
     if (.not. err%failed()) call reader%read_values(model%comm, 'bricks', bricks, err)
     if (.not. err%failed()) call reader%read_set(model%comm, 'particles', model%particles, err)
     if (.not. err%failed()) call reader%read_set(model%comm, 'surface', model%surface, err)
@@ -277,16 +356,34 @@ contains
     model%density = clock(8)
     model%next_dt = clock(9)
     model%pressure_scale = clock(10)
+    call take_balance(model, balance)
     if (same_ranks) call take_bricks(model, bricks)
-    if (.not. model%comm%is_root()) return
-    model%balance%stored = balance(1)
-    model%balance%squeezed = balance(3)
-    model%balance%inflow = balance(4:)
-    if (allocated(impulse)) then
-      model%balance%wall_impulse = impulse(:ndim)
-      model%balance%lost_impulse = impulse(ndim + 1:)
-    end if
   end subroutine run_files_read_checkpoint
+
+  subroutine compare_scenes(self, model, reader, path, time, err)
+    !! Refuses a checkpoint of another scene; says what has changed that may.
+    class(run_files_t), intent(inout) :: self
+    type(model_t), intent(in) :: model
+    type(checkpoint_reader_t), intent(in) :: reader
+    character(len=*), intent(in) :: path
+    real(wp), intent(in) :: time   !! of the checkpoint [s]
+    type(error_t), intent(inout) :: err
+    character(len=:), allocatable :: refused, changed
+
+    call take_record(self, model)
+    call compare_records(reader%record, self%record, time, refused, changed)
+    if (len(refused) > 0) then
+      call err%set('the checkpoint '//path//' is of another scene (docs/restart.md lists what '// &
+                   'may change); in the checkpoint -> in the scene:'//new_line('a')//refused)
+    else if (len(changed) > 0) then
+      call model%log%info('changed at the restart; in the checkpoint -> in the scene:'// &
+                          new_line('a')//changed)
+    end if
+    if (reader%git_hash /= git_hash) then
+      call model%log%info('the checkpoint is of another build of dosui: '//reader%git_hash// &
+                          ', this is '//git_hash)
+    end if
+  end subroutine compare_scenes
 
   function brick_table(model) result(table)
     !! The owners of bricks as numbers that a double holds exactly: coordinates and rank.

@@ -180,14 +180,15 @@ contains
       if (.not. err%failed()) call check_state(model, err)
       if (err%failed()) return
       call files%sample(model)
-      call files%write_step(model, err)
+      call write_output(model, files, err)
       if (err%failed()) return
     end if
     started = wall_seconds()
     last_line = started
     last_checkpoint = started
     first_step = model%clock%step
-    do while (.not. model%clock%finished())
+    do while (.not. (model%clock%finished() .or. &
+                     model%clock%step >= model%scene%time%maximum_steps))
       if (model%integrator == 'quasi_static') then
         call quasi_static%step(model, err)
       else
@@ -204,7 +205,7 @@ contains
       if (model%clock%at_output()) then
         call model%timers%start(model%phase%output)
         model%clock%output = model%clock%output + 1
-        call files%write_step(model, err)
+        call write_output(model, files, err)
         call search%look(model)
         call model%timers%stop(model%phase%output)
         if (err%failed()) return
@@ -215,9 +216,10 @@ contains
         if (model%comm%any(signal_received())) then
           call files%write_checkpoint(model, err)
           call files%close(model, err)
+          if (err%failed()) return
           call describe_solutions()
           call model%log%info('stopped by a signal at t = '//to_text(model%clock%time)// &
-                              ' s; continue with --restart '//files%stem//'.restart.h5')
+                              ' s; continue with --restart '//files%checkpoint_path())
           status = status_stopped
           return
         end if
@@ -227,6 +229,11 @@ contains
     end do
     call describe_solutions()
     call files%write_step(model, err)   ! where maximum_steps ends a run; else it is there already
+    if (.not. (err%failed() .or. model%clock%finished())) then
+      call files%write_checkpoint(model, err)
+      if (.not. err%failed()) call model%log%info('maximum_steps ended the run; continue with '// &
+                                                  '--restart '//files%checkpoint_path())
+    end if
     if (.not. err%failed()) call files%close(model, err)
     if (.not. err%failed()) status = status_finished
 
@@ -474,6 +481,17 @@ contains
                                          set%field(displacement)%values(:, p) - before(:, p)
     end do
   end subroutine move_by
+
+  subroutine write_output(model, files, err)
+    !! An output step and, if the scene asks for it, a checkpoint that is kept. Collective.
+    type(model_t), intent(inout) :: model
+    type(run_files_t), intent(inout) :: files
+    type(error_t), intent(inout) :: err
+
+    call files%write_step(model, err)
+    if (err%failed() .or. .not. model%scene%output%checkpoint_at_outputs) return
+    call files%write_checkpoint(model, err, is_kept=.true.)
+  end subroutine write_output
 
   subroutine checkpoint_if_due(model, files, check_interval, last, err)
     !! Writes a checkpoint every so many steps or minutes. Collective.

@@ -9,7 +9,8 @@ module dosui_checkpoint
   use dosui_dimension, only: ndim
   use dosui_communicator, only: communicator_t
   use dosui_point_set, only: point_set_t
-  use dosui_file_exchange, only: remove_file, replace_keeping_previous
+  use dosui_file_exchange, only: remove_file, rename_file, replace_keeping_previous
+  use dosui_file_seal, only: check_seal, seal_file
   use dosui_hdf5, only: hid_t, hdf5_file_t, hdf5_real, hdf5_integer, &
                         hdf5_create_group, hdf5_open_group, hdf5_close_group, &
                         hdf5_create_dataset, hdf5_open_dataset, hdf5_close_dataset, &
@@ -20,17 +21,21 @@ module dosui_checkpoint
   private
 
   character(len=*), parameter :: format_name = 'dosui checkpoint'
-  integer(i8), parameter :: format_version = 1_i8
+  integer(i8), parameter :: format_version = 2_i8
+
+  public :: find_checkpoint
 
   type, public :: checkpoint_writer_t
     !! Use: begin, any number of write_values and write_set, finish. All are collective; after an
     !! error the rest does nothing and `finish` leaves the earlier checkpoints as they are.
     character(len=:), allocatable, private :: path
+    logical, private :: keeps_previous = .true.
     type(hdf5_file_t), private :: file
     integer(hid_t), private :: values = -1_hid_t
   contains
     procedure :: begin => writer_begin
     procedure :: write_values => writer_write_values
+    procedure :: write_of_ranks => writer_write_of_ranks
     procedure :: write_set => writer_write_set
     procedure :: finish => writer_finish
   end type checkpoint_writer_t
@@ -38,6 +43,7 @@ module dosui_checkpoint
   type, public :: checkpoint_reader_t
     !! Use: begin, read_values and read_set in any order, finish. All are collective.
     character(len=:), allocatable :: scene_text   !! of the run that wrote the checkpoint
+    character(len=:), allocatable :: record       !! likewise, see dosui_scene_record
     character(len=:), allocatable :: git_hash     !! of its source
     integer :: n_ranks = 0                        !! of that run
     logical :: same_ranks = .false.               !! every rank gets back its own points
@@ -47,6 +53,7 @@ module dosui_checkpoint
     procedure :: begin => reader_begin
     procedure :: has_values => reader_has_values
     procedure :: read_values => reader_read_values
+    procedure :: read_of_ranks => reader_read_of_ranks
     procedure :: read_set => reader_read_set
     procedure :: finish => reader_finish
   end type checkpoint_reader_t
@@ -55,14 +62,21 @@ contains
 
   ! ---------------------------------------------------------------- writing
 
-  subroutine writer_begin(self, comm, path, scene_text, git_hash, err)
+  subroutine writer_begin(self, comm, path, scene_text, git_hash, err, record, keeps_previous)
     !! Starts a checkpoint under the name <path>.tmp.
     class(checkpoint_writer_t), intent(inout) :: self
     type(communicator_t), intent(in) :: comm
     character(len=*), intent(in) :: path          !! final name
     character(len=*), intent(in) :: scene_text, git_hash
     type(error_t), intent(inout) :: err
+    character(len=*), intent(in), optional :: record          !! of the scene
+    logical, intent(in), optional :: keeps_previous           !! default: it does
+    character(len=:), allocatable :: scene_record
 
+    scene_record = ''
+    if (present(record)) scene_record = record
+    self%keeps_previous = .true.
+    if (present(keeps_previous)) self%keeps_previous = keeps_previous
     self%path = path
     call self%file%create(comm, path//'.tmp', err)
     call comm%agree(err)
@@ -73,6 +87,7 @@ contains
     call hdf5_write_attribute(self%file%id, 'ranks', int(comm%size, i8), err)
     call hdf5_write_attribute(self%file%id, 'git_hash', git_hash, err)
     call hdf5_write_text(self%file%id, 'scene', scene_text, comm%is_root(), err)
+    call hdf5_write_text(self%file%id, 'record', scene_record, comm%is_root(), err)
     call hdf5_create_group(self%file%id, 'values', self%values, err)
     call comm%agree(err)
   end subroutine writer_begin
@@ -92,6 +107,23 @@ contains
     call comm%agree(err)
     if (.not. err%failed()) call hdf5_close_dataset(dataset, err)
   end subroutine writer_write_values
+
+  subroutine writer_write_of_ranks(self, comm, name, values, err)
+    !! Stores numbers of which every rank has its own, as many on all of them, bit for bit.
+    class(checkpoint_writer_t), intent(in) :: self
+    type(communicator_t), intent(in) :: comm
+    character(len=*), intent(in) :: name
+    real(wp), intent(in) :: values(:)
+    type(error_t), intent(inout) :: err
+    integer(hid_t) :: dataset
+
+    if (err%failed()) return
+    call hdf5_create_dataset(self%values, name, hdf5_real, 1, &
+                             int(comm%size, i8)*size(values), dataset, err)
+    call hdf5_write_rows(dataset, int(comm%rank, i8)*size(values) + 1_i8, size(values), values, err)
+    call comm%agree(err)
+    if (.not. err%failed()) call hdf5_close_dataset(dataset, err)
+  end subroutine writer_write_of_ranks
 
   subroutine writer_write_set(self, comm, name, set, err)
     !! Stores the owned points: ids and every field marked `checkpoint`.
@@ -132,8 +164,8 @@ contains
   end subroutine writer_write_set
 
   subroutine writer_finish(self, comm, err)
-    !! Completes the checkpoint: <path>.tmp becomes path, the one before becomes <path>.previous.
-    !! After an error <path>.tmp is removed.
+    !! Completes the checkpoint: <path>.tmp gets its seal and becomes path, the one before becomes
+    !! <path>.previous. After an error <path>.tmp is removed.
     class(checkpoint_writer_t), intent(inout) :: self
     type(communicator_t), intent(in) :: comm
     type(error_t), intent(inout) :: err
@@ -143,11 +175,14 @@ contains
     call self%file%close(err)
     self%values = -1_hid_t
     call comm%agree(err)
+    if (.not. err%failed()) call seal_file(comm, self%path//'.tmp', err)
     if (err%failed()) then
       if (comm%is_root()) call remove_file(self%path//'.tmp')
       return
     end if
-    if (comm%is_root()) then
+    if (comm%is_root() .and. .not. self%keeps_previous) then
+      call rename_file(self%path//'.tmp', self%path, err)
+    else if (comm%is_root()) then
       call replace_keeping_previous(self%path//'.tmp', self%path, self%path//'.previous', err)
     end if
     call comm%agree(err)
@@ -156,7 +191,7 @@ contains
   ! ---------------------------------------------------------------- reading
 
   subroutine reader_begin(self, comm, path, err)
-    !! Opens a checkpoint and checks that it is one, whole and of this dimension.
+    !! Opens a checkpoint and checks that it is one, undamaged and of this dimension.
     class(checkpoint_reader_t), intent(inout) :: self
     type(communicator_t), intent(in) :: comm
     character(len=*), intent(in) :: path
@@ -165,6 +200,8 @@ contains
     integer(i8) :: version, file_ndim, ranks
     type(error_t) :: missing
 
+    call check_seal(comm, path, err)
+    if (err%failed()) return
     call self%file%open(comm, path, .false., err)
     call comm%agree(err)
     if (err%failed()) return
@@ -184,6 +221,7 @@ contains
     self%same_ranks = self%n_ranks == comm%size
     call hdf5_read_attribute(self%file%id, 'git_hash', self%git_hash, err)
     call hdf5_read_text(self%file%id, 'scene', self%scene_text, err)
+    call hdf5_read_text(self%file%id, 'record', self%record, err)
     call hdf5_open_group(self%file%id, 'values', self%values, err)
     call comm%agree(err)
     if (err%failed()) call self%file%close(missing)
@@ -231,6 +269,28 @@ contains
     call comm%broadcast(values)
     call hdf5_close_dataset(dataset, err)
   end subroutine reader_read_values
+
+  subroutine reader_read_of_ranks(self, comm, name, values, err)
+    !! Numbers of which every rank has its own: those of this rank on as many ranks as wrote them,
+    !! else the sums over all of those on root, and zeros on the other ranks.
+    class(checkpoint_reader_t), intent(in) :: self
+    type(communicator_t), intent(in) :: comm
+    character(len=*), intent(in) :: name
+    real(wp), allocatable, intent(out) :: values(:)
+    type(error_t), intent(inout) :: err
+    real(wp), allocatable :: all_values(:), table(:, :)
+    integer :: n
+
+    call self%read_values(comm, name, all_values, err)
+    n = size(all_values)/max(1, self%n_ranks)
+    table = reshape(all_values, [n, max(1, self%n_ranks)])
+    allocate (values(n), source=0.0_wp)
+    if (self%same_ranks) then
+      values = table(:, comm%rank + 1)
+    else if (comm%is_root()) then
+      values = sum(table, dim=2)
+    end if
+  end subroutine reader_read_of_ranks
 
   subroutine reader_read_set(self, comm, name, set, err)
     !! Reads ids and every field of `set` marked `checkpoint`, whose fields must be registered.
@@ -350,4 +410,36 @@ contains
     self%values = -1_hid_t
     call comm%agree(err)
   end subroutine reader_finish
+  subroutine find_checkpoint(comm, path, found, note, err)
+    !! The checkpoint to go on from: the one at `path` if it is undamaged, else the one before it.
+    !! An error only if there are some, but none of them is undamaged. Collective.
+    type(communicator_t), intent(in) :: comm
+    character(len=*), intent(in) :: path
+    character(len=:), allocatable, intent(out) :: found   !! '' if there is none
+    character(len=:), allocatable, intent(out) :: note    !! why it is not the one at `path`; or ''
+    type(error_t), intent(inout) :: err
+    character(len=:), allocatable :: candidate
+    type(error_t) :: damage
+    logical :: exists
+    integer :: k
+
+    found = ''
+    note = ''
+    do k = 1, 2
+      candidate = path
+      if (k == 2) candidate = path//'.previous'
+      exists = .false.
+      if (comm%is_root()) inquire (file=candidate, exist=exists)
+      call comm%broadcast(exists)
+      if (.not. exists) cycle
+      damage = error_t()
+      call check_seal(comm, candidate, damage)
+      if (.not. damage%failed()) then
+        found = candidate
+        return
+      end if
+      if (len(note) == 0) note = damage%message
+    end do
+    if (len(note) > 0) call err%set(note)
+  end subroutine find_checkpoint
 end module dosui_checkpoint

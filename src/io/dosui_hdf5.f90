@@ -73,7 +73,7 @@ module dosui_hdf5
 
   interface hdf5_read_rows
     !! Reads rows first_row, first_row + 1, … (counted from 1) of a dataset, independently.
-    module procedure read_rows_real1, read_rows_real2, read_rows_integer1
+    module procedure read_rows_real1, read_rows_real2, read_rows_integer1, read_rows_integer2
   end interface hdf5_read_rows
 
   interface hdf5_write_attribute
@@ -517,6 +517,22 @@ contains
                          first_row + i - 1, c_loc(values(i)), err)
     end do
   end subroutine read_rows_integer1
+
+  subroutine read_rows_integer2(dataset, first_row, width, n, values, err)
+    integer(hid_t), intent(in) :: dataset
+    integer(i8), intent(in) :: first_row
+    integer, intent(in) :: width, n
+    integer(i8), intent(inout), target :: values(width, n)
+    type(error_t), intent(inout) :: err
+    integer :: i, m, step
+
+    step = max(1, largest_transfer/max(1, width))
+    do i = 1, n, step
+      m = min(step, n - i + 1)
+      call transfer_rows(.false., dataset, h5kind_to_type(i8, h5_integer_kind), width, m, &
+                         first_row + i - 1, c_loc(values(1, i)), err)
+    end do
+  end subroutine read_rows_integer2
 
   subroutine transfer_rows(is_write, dataset, number_type, width, n, first_row, buffer, err)
     !! Moves n rows between memory and the file; nothing once an error has occurred.

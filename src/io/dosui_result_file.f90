@@ -14,12 +14,17 @@
 !!    what was at `path` before is replaced by a readable file or not at all.
 !!
 !! Points are stored in the order of their global id, so files do not depend on the ranks.
+!!
+!! /Checksums holds checksums (dosui_checksum) of what a step and what a row of the histories hold,
+!! written before the step or row is shown; readers refuse what does not fit.
 module dosui_result_file
   use dosui_kinds, only: wp, i8
   use dosui_error, only: error_t
   use dosui_dimension, only: ndim
+  use dosui_checksum, only: checksum_t, combine_checksums
   use dosui_communicator, only: communicator_t
   use dosui_sort, only: sort_permutation
+  use dosui_text, only: to_text
   use dosui_file_exchange, only: remove_file, rename_file
   use dosui_history, only: history_t, history_column_t
   use dosui_hdf5, only: hid_t, hdf5_file_t, hdf5_real, hdf5_integer, &
@@ -37,6 +42,9 @@ module dosui_result_file
 
   character(len=*), parameter :: twin_name(2) = ['a', 'b']
   integer, parameter :: copy_rows = 1000000   !! rows a rank holds while copying
+  ! checksums of a step: of time and place, ids, points, then of each field
+  character(len=*), parameter :: row_sums_name = 'Checksums/history'
+  integer, parameter :: sum_place = 1, sum_ids = 2, sum_points = 3, n_first_sum = 3
 
   type, public :: result_field_t
     !! A quantity stored for every point.
@@ -63,6 +71,7 @@ module dosui_result_file
     real(wp) :: time = 0.0_wp
     integer(i8) :: n_total = 0_i8, first_row = 0_i8
     integer, allocatable :: outgoing(:), send_count(:), order(:)
+    type(checksum_t), allocatable :: checksum(:)   !! of this rank's part
   end type step_plan_t
 
   type :: twin_t
@@ -92,6 +101,10 @@ module dosui_result_file
     integer(hid_t), private :: number_of_cells = -1_hid_t, vertex_offsets = -1_hid_t
     integer(hid_t), private :: history_group = -1_hid_t
     integer(hid_t), allocatable, private :: field(:), history(:)
+    integer(hid_t), private :: step_sums = -1_hid_t, row_sums = -1_hid_t   !! checksums
+    integer(i8), private :: row_capacity = 0_i8     !! of row_sums
+    character(len=64), allocatable, private :: summed(:)     !! what step_sums are of
+    integer(i8), allocatable, private :: kept_sums(:, :)     !! (summed, step) once checked
   contains
     procedure :: create => result_create
     procedure :: open_existing => result_open_existing
@@ -140,6 +153,7 @@ contains
     type(result_layout_t), intent(in) :: layout     !! of the continued run
     type(error_t), intent(inout) :: err
     type(result_file_t) :: old
+    type(error_t) :: damage
     integer :: n_kept
 
     call check_layout(layout, err)
@@ -147,13 +161,17 @@ contains
     if (err%failed()) return
     old%path = path
     old%has_name = .true.
-    call read_layout(old, comm, path, err)
-    call comm%agree(err)
-    if (err%failed()) then
+    call read_layout(old, comm, path, damage)
+    call comm%agree(damage)
+    if (.not. damage%failed()) then
+      n_kept = count(old%time(:old%n_step) <= time + 4.0_wp*spacing(abs(time)))
+      call check_checksums(old, comm, n_kept, layout, damage)
+    end if
+    if (damage%failed()) then
+      call err%set(named(path, damage%message))
       call old%close(comm, err)
       return
     end if
-    n_kept = count(old%time(:old%n_step) <= time + 4.0_wp*spacing(abs(time)))
     if (n_kept > 0 .and. is_compatible(old, layout)) then
       call continue_in_place(self, comm, old, n_kept, time, layout, err)
     else
@@ -161,6 +179,15 @@ contains
     end if
     call comm%agree(err)
   end subroutine result_open_existing
+
+  pure function named(path, message) result(text)
+    !! What is wrong with a file, with its path.
+    character(len=*), intent(in) :: path, message
+    character(len=:), allocatable :: text
+
+    text = message
+    if (index(message, path) == 0) text = path//' is damaged: '//message
+  end function named
 
   subroutine result_write_step(self, comm, time, n, id, points, values, err)
     !! Adds a step. Ranks pass their own points in any order; they are stored by increasing id.
@@ -217,11 +244,13 @@ contains
       if (err%failed()) return
       call plan_redistribution(comm, n, id, plan%outgoing, plan%send_count, plan%order, sorted_id)
       n_local = size(sorted_id)
+      allocate (plan%checksum(n_first_sum + size(self%layout%field)))
+      call plan%checksum(sum_ids)%add(n_local, sorted_id)
       plan%first_row = self%n_row + comm%prefix_sum(int(n_local, i8)) + 1_i8
       call hdf5_write_rows(self%ids, plan%first_row, n_local, sorted_id, err)
       coordinates = points
       call write_columns(comm, self%points, plan%first_row, 3, n, coordinates, plan%outgoing, &
-                         plan%send_count, plan%order, err)
+                         plan%send_count, plan%order, plan%checksum(sum_points), err)
     end associate
   end subroutine result_begin_step
 
@@ -237,7 +266,8 @@ contains
 
     call write_columns(comm, self%field(number), self%plan%first_row, &
                        self%layout%field(number)%n_components, n, values, self%plan%outgoing, &
-                       self%plan%send_count, self%plan%order, err)
+                       self%plan%send_count, self%plan%order, &
+                       self%plan%checksum(n_first_sum + number), err)
   end subroutine result_write_field
 
   subroutine result_end_step(self, comm, err)
@@ -246,8 +276,12 @@ contains
     type(communicator_t), intent(in) :: comm
     type(error_t), intent(inout) :: err
 
+    call combine_checksums(comm, self%plan%checksum)
+    call write_step_sums(self, comm, self%n_step + 1, &
+                         [place_sum(self%plan%time, self%n_row, self%plan%n_total), &
+                          self%plan%checksum(sum_ids:)%value()], err)
     call commit(self, comm, self%n_step + 1, self%plan%time, self%plan%n_total, err)
-    deallocate (self%plan%outgoing, self%plan%send_count, self%plan%order)
+    deallocate (self%plan%outgoing, self%plan%send_count, self%plan%order, self%plan%checksum)
   end subroutine result_end_step
 
   subroutine result_write_history(self, comm, history, err)
@@ -269,12 +303,17 @@ contains
       return
     end if
     n = int(n_new(1))
+    if (self%n_history + n > self%row_capacity) then
+      call grow_row_sums(self, comm, 2_i8*(self%n_history + n), err)
+    end if
     if (comm%is_root()) then
       allocate (column(n))
       do k = 1, size(self%history)
         column(:) = history%value(k, :n)
         call hdf5_write_rows(self%history(k), self%n_history + 1_i8, n, column, err)
       end do
+      call hdf5_write_rows(self%row_sums, self%n_history + 1_i8, n, &
+                           checksums_of_rows(size(self%history), n, history%value), err)
     end if
     call comm%agree(err)
     if (err%failed()) return
@@ -346,6 +385,7 @@ contains
 
     is = old%layout%n_step_max >= layout%n_step_max .and. old%layout%n_point >= layout%n_point &
          .and. old%layout%scene_text == layout%scene_text .and. &
+         hdf5_exists(old%file%id, 'Checksums') .and. &
          hdf5_n_links(old%history_group) == size(layout%history)
     call hdf5_open_group(old%file%id, 'VTKHDF/PointData', group, err)
     is = is .and. hdf5_n_links(group) == size(layout%field) + 1
@@ -417,6 +457,7 @@ contains
     call hdf5_close_group(group, err)
     call build_scene(self%layout, comm, self%file%id, err)
     call build_twins(self%layout, comm, self%file%id, err)
+    call build_checksums(self%layout, comm, self%file%id, err)
     ok = .not. err%failed()
     call self%file%flush(err)
     call self%file%close(err)
@@ -690,6 +731,333 @@ contains
     call hdf5_close_dataset(dataset, err)
   end subroutine build_table
 
+  ! ---------------------------------------------------------------- checksums
+
+  subroutine build_checksums(layout, comm, file, err)
+    !! Tables of checksums, and what their columns are of, one name a line.
+    type(result_layout_t), intent(in) :: layout
+    type(communicator_t), intent(in) :: comm
+    integer(hid_t), intent(in) :: file
+    type(error_t), intent(inout) :: err
+    integer(hid_t) :: group, dataset
+    character(len=:), allocatable :: names
+    integer :: k
+
+    call hdf5_create_group(file, 'Checksums', group, err)
+    call hdf5_write_attribute(group, 'scene_text', text_sum(layout%scene_text), err)
+    call hdf5_write_attribute(group, 'scene_echo', text_sum(layout%scene_echo), err)
+    call hdf5_create_dataset(group, 'steps', hdf5_integer, n_first_sum + size(layout%field), &
+                             int(layout%n_step_max, i8), dataset, err)
+    call hdf5_close_dataset(dataset, err)
+    call hdf5_create_dataset(group, 'history', hdf5_integer, 1, layout%history_capacity, &
+                             dataset, err)
+    call hdf5_close_dataset(dataset, err)
+    names = ''
+    associate (summed => summed_names(layout))
+      do k = 1, size(summed)
+        names = names//trim(summed(k))//new_line('a')
+      end do
+    end associate
+    call hdf5_write_text(group, 'step_columns', names, comm%is_root(), err)
+    names = ''
+    do k = 1, size(layout%history)
+      names = names//trim(layout%history(k)%name)//new_line('a')
+    end do
+    call hdf5_write_text(group, 'history_columns', names, comm%is_root(), err)
+    call hdf5_close_group(group, err)
+  end subroutine build_checksums
+
+  subroutine grow_row_sums(self, comm, capacity, err)
+    !! Moves the checksums of the histories' rows to a larger table, which gets its name when it is
+    !! complete.
+    type(result_file_t), intent(inout) :: self
+    type(communicator_t), intent(in) :: comm
+    integer(i8), intent(in) :: capacity   !! rows there will be room for
+    type(error_t), intent(inout) :: err
+    character(len=*), parameter :: place = '/Commits/history_sums'
+    integer(hid_t) :: larger
+
+    call hdf5_create_dataset(self%file%id, place, hdf5_integer, 1, capacity, larger, err)
+    call copy_integers(comm, self%row_sums, larger, self%n_history, err)
+    call comm%agree(err)
+    if (err%failed()) return
+    call self%file%flush(err)
+    call hdf5_close_dataset(self%row_sums, err)
+    call hdf5_remove_link(self%file%id, row_sums_name, err)
+    call hdf5_create_hard_link(self%file%id, place, self%file%id, row_sums_name, err)
+    call self%file%flush(err)
+    call hdf5_remove_link(self%file%id, place, err)
+    call comm%agree(err)
+    self%row_sums = larger
+    self%row_capacity = capacity
+  end subroutine grow_row_sums
+
+  pure function summed_names(layout) result(names)
+    !! What the checksums of a step are of.
+    type(result_layout_t), intent(in) :: layout
+    character(len=64), allocatable :: names(:)
+
+    names = [[character(len=64) :: 'place', 'id', 'Points'], layout%field%name]
+  end function summed_names
+
+  pure integer(i8) function text_sum(text) result(value)
+    character(len=*), intent(in) :: text
+    type(checksum_t) :: checksum
+
+    call checksum%add_text(text)
+    value = checksum%value()
+  end function text_sum
+
+  pure integer(i8) function place_sum(time, offset, n_total) result(value)
+    !! Checksum of a step's time and of where its points are.
+    real(wp), intent(in) :: time                    !! [s]
+    integer(i8), intent(in) :: offset, n_total      !! points of earlier steps, of this one
+    type(checksum_t) :: checksum
+
+    call checksum%add(1, [time])
+    call checksum%add(2, [offset, n_total])
+    value = checksum%value()
+  end function place_sum
+
+  pure function checksums_of_rows(n_column, n, values) result(sums)
+    !! One checksum a row of the histories.
+    integer, intent(in) :: n_column, n
+    real(wp), intent(in) :: values(:, :)   !! (column, row)
+    integer(i8) :: sums(n)
+    type(checksum_t) :: checksum
+    integer :: k
+
+    do k = 1, n
+      checksum = checksum_t()
+      call checksum%add(n_column, values(:n_column, k))
+      sums(k) = checksum%value()
+    end do
+  end function checksums_of_rows
+
+  subroutine write_step_sums(self, comm, step, sums, err)
+    type(result_file_t), intent(in) :: self
+    type(communicator_t), intent(in) :: comm
+    integer, intent(in) :: step
+    integer(i8), intent(in) :: sums(:)
+    type(error_t), intent(inout) :: err
+
+    if (comm%is_root()) call hdf5_write_rows(self%step_sums, int(step, i8), size(sums), 1, &
+                                             reshape(sums, [size(sums), 1]), err)
+  end subroutine write_step_sums
+
+  subroutine check_checksums(old, comm, n_kept, layout, err)
+    !! Refuses a file whose kept steps or histories are not what was written. Keeps the checksums
+    !! of its steps; those of a file that has none are found anew. Collective.
+    type(result_file_t), intent(inout) :: old
+    type(communicator_t), intent(in) :: comm
+    integer, intent(in) :: n_kept
+    type(result_layout_t), intent(in) :: layout   !! of the continued run
+    type(error_t), intent(inout) :: err
+    integer(i8), allocatable :: stored(:, :), sums(:)
+    integer(i8) :: offset, text_sums(2)
+    logical :: has_sums
+    integer :: k, c
+
+    has_sums = hdf5_exists(old%file%id, 'Checksums')
+    call find_summed(old, has_sums, layout, text_sums, err)
+    call comm%agree(err)
+    if (err%failed()) return
+    if (has_sums .and. text_sums(1) /= text_sum(old%layout%scene_text)) then
+      call err%set(old%path//' is damaged: the checksum of the scene does not fit')
+    end if
+    allocate (old%kept_sums(size(old%summed), n_kept), stored(size(old%summed), n_kept))
+    if (has_sums .and. comm%is_root()) then
+      call hdf5_read_rows(old%step_sums, 1_i8, size(stored, 1), n_kept, stored, err)
+    end if
+    offset = 0_i8
+    do k = 1, n_kept
+      call sum_step(old, comm, k, offset, sums, err)
+      old%kept_sums(:, k) = sums
+      offset = offset + old%count(k)
+      if (.not. (has_sums .and. comm%is_root())) cycle
+      c = findloc(stored(:, k) == sums, .false., dim=1)
+      if (c > 0) call err%set(old%path//' is damaged: the checksum of '//trim(old%summed(c))// &
+                              ' in step '//to_text(k)//' does not fit')
+    end do
+    if (has_sums .and. comm%is_root()) call check_rows(old, err)
+    call comm%agree(err)
+  end subroutine check_checksums
+
+  subroutine find_summed(old, has_sums, layout, text_sums, err)
+    !! What the checksums of a file are of, and of its texts.
+    type(result_file_t), intent(inout) :: old
+    logical, intent(in) :: has_sums
+    type(result_layout_t), intent(in) :: layout
+    integer(i8), intent(out) :: text_sums(2)
+    type(error_t), intent(inout) :: err
+    integer(hid_t) :: group
+    character(len=:), allocatable :: names
+    integer(i8) :: n_row, n_row_sum
+    integer :: width
+
+    text_sums = 0_i8
+    if (.not. has_sums) then
+      old%summed = summed_names(layout)
+      return
+    end if
+    call hdf5_open_group(old%file%id, 'Checksums', group, err)
+    call hdf5_read_attribute(group, 'scene_text', text_sums(1), err)
+    call hdf5_read_attribute(group, 'scene_echo', text_sums(2), err)
+    call hdf5_read_text(group, 'step_columns', names, err)
+    old%summed = lines_of(names)
+    call hdf5_read_text(group, 'history_columns', names, err)
+    old%layout%history = [history_column_t ::]
+    if (.not. err%failed()) call take_columns(old%layout, lines_of(names))
+    call hdf5_open_dataset(group, 'steps', old%step_sums, err)
+    if (.not. err%failed()) call hdf5_dataset_shape(old%step_sums, width, n_row, err)
+    call hdf5_open_dataset(group, 'history', old%row_sums, err)
+    if (.not. err%failed()) call hdf5_dataset_shape(old%row_sums, width, n_row_sum, err)
+    if (err%failed()) return
+    call hdf5_close_group(group, err)
+    if (n_row /= old%layout%n_step_max .or. n_row_sum < old%n_history) then
+      call err%set(old%path//' is damaged: its tables of checksums contradict it')
+    end if
+  end subroutine find_summed
+
+  pure subroutine take_columns(layout, names)
+    !! Columns of histories by name.
+    type(result_layout_t), intent(inout) :: layout
+    character(len=*), intent(in) :: names(:)
+
+    if (allocated(layout%history)) deallocate (layout%history)
+    allocate (layout%history(size(names)))
+    layout%history%name = names
+  end subroutine take_columns
+
+  pure function lines_of(text) result(lines)
+    !! The lines of a text, each ended by a line break.
+    character(len=*), intent(in) :: text
+    character(len=64), allocatable :: lines(:)
+    integer :: k, n, first
+
+    n = 0
+    do k = 1, len(text)
+      if (text(k:k) == new_line('a')) n = n + 1
+    end do
+    allocate (lines(n))
+    first = 1
+    do k = 1, n
+      lines(k) = text(first:first + index(text(first:), new_line('a')) - 2)
+      first = first + index(text(first:), new_line('a'))
+    end do
+  end function lines_of
+
+  subroutine sum_step(old, comm, step, offset, sums, err)
+    !! Checksums of what a file holds of a step, every rank reading its share. Collective.
+    type(result_file_t), intent(inout) :: old
+    type(communicator_t), intent(in) :: comm
+    integer, intent(in) :: step
+    integer(i8), intent(in) :: offset        !! points of earlier steps
+    integer(i8), allocatable, intent(out) :: sums(:)
+    type(error_t), intent(inout) :: err
+    type(checksum_t) :: checksum(size(old%summed))
+    integer(hid_t) :: group, dataset
+    integer(i8) :: first, last, n_row
+    integer :: k, width
+
+    call share(old%count(step), comm%rank, comm%size, first, last)
+    first = first + offset
+    last = last + offset
+    call sum_integers(old%ids, first, last, checksum(sum_ids), err)
+    call sum_reals(old%points, 3, first, last, checksum(sum_points), err)
+    call hdf5_open_group(old%file%id, 'VTKHDF/PointData', group, err)
+    do k = n_first_sum + 1, size(old%summed)
+      call find_dataset(group, old%summed(k), width, n_row)
+      if (width == 0) cycle
+      call hdf5_open_dataset(group, trim(old%summed(k)), dataset, err)
+      call sum_reals(dataset, width, first, last, checksum(k), err)
+      call hdf5_close_dataset(dataset, err)
+    end do
+    call hdf5_close_group(group, err)
+    call combine_checksums(comm, checksum)
+    sums = [place_sum(old%time(step), offset, old%count(step)), checksum(sum_ids:)%value()]
+  end subroutine sum_step
+
+  subroutine sum_reals(dataset, width, first, last, checksum, err)
+    !! Adds rows of a dataset.
+    integer(hid_t), intent(in) :: dataset
+    integer, intent(in) :: width
+    integer(i8), intent(in) :: first, last
+    type(checksum_t), intent(inout) :: checksum
+    type(error_t), intent(inout) :: err
+    real(wp), allocatable :: buffer(:, :)
+    integer(i8) :: row
+    integer :: m
+
+    allocate (buffer(width, int(min(int(copy_rows, i8), max(0_i8, last - first + 1_i8)))), &
+              source=0.0_wp)
+    do row = first, last, int(copy_rows, i8)
+      m = int(min(int(copy_rows, i8), last - row + 1_i8))
+      call hdf5_read_rows(dataset, row, width, m, buffer, err)
+      call checksum%add_reals(width*m, buffer)
+    end do
+  end subroutine sum_reals
+
+  subroutine sum_integers(dataset, first, last, checksum, err)
+    !! Adds rows of a dataset.
+    integer(hid_t), intent(in) :: dataset
+    integer(i8), intent(in) :: first, last
+    type(checksum_t), intent(inout) :: checksum
+    type(error_t), intent(inout) :: err
+    integer(i8), allocatable :: buffer(:)
+    integer(i8) :: row
+    integer :: m
+
+    allocate (buffer(int(min(int(copy_rows, i8), max(0_i8, last - first + 1_i8)))), source=0_i8)
+    do row = first, last, int(copy_rows, i8)
+      m = int(min(int(copy_rows, i8), last - row + 1_i8))
+      call hdf5_read_rows(dataset, row, m, buffer, err)
+      call checksum%add(m, buffer)
+    end do
+  end subroutine sum_integers
+
+  subroutine check_rows(old, err)
+    !! Compares the histories with their checksums. Call on root only.
+    type(result_file_t), intent(in) :: old
+    type(error_t), intent(inout) :: err
+    real(wp), allocatable :: table(:, :)
+    integer(i8), allocatable :: stored(:)
+    integer :: n, row
+
+    n = int(old%n_history)
+    call read_history(old, n, old%layout%history, table, err)
+    allocate (stored(n), source=0_i8)
+    call hdf5_read_rows(old%row_sums, 1_i8, n, stored, err)
+    if (err%failed()) return
+    row = findloc(stored == checksums_of_rows(size(table, 1), n, table), .false., dim=1)
+    if (row > 0) call err%set(old%path//' is damaged: the checksum of row '//to_text(row)// &
+                              ' of the histories does not fit')
+  end subroutine check_rows
+
+  subroutine read_history(old, n, columns, table, err)
+    !! The first rows of the histories; NaN where the file has no column. Call on root only.
+    type(result_file_t), intent(in) :: old
+    integer, intent(in) :: n
+    type(history_column_t), intent(in) :: columns(:)
+    real(wp), allocatable, intent(out) :: table(:, :)   !! (column, row)
+    type(error_t), intent(inout) :: err
+    real(wp), allocatable :: column(:)
+    integer(hid_t) :: dataset
+    integer(i8) :: n_row
+    integer :: k, width
+
+    allocate (table(size(columns), n), column(n))
+    table = ieee_value(1.0_wp, ieee_quiet_nan)
+    do k = 1, size(columns)
+      call find_dataset(old%history_group, columns(k)%name, width, n_row)
+      if (width /= 1 .or. n_row < n) cycle
+      call hdf5_open_dataset(old%history_group, trim(columns(k)%name), dataset, err)
+      call hdf5_read_rows(dataset, 1_i8, n, column, err)
+      call hdf5_close_dataset(dataset, err)
+      table(k, :) = column
+    end do
+  end subroutine read_history
+
   ! ---------------------------------------------------------------- steps
 
   subroutine attach(self, comm, path, err)
@@ -726,6 +1094,9 @@ contains
       call hdf5_open_dataset(self%file%id, root//'/PointData/'//trim(self%layout%field(k)%name), &
                              self%field(k), err)
     end do
+    call hdf5_open_dataset(self%file%id, 'Checksums/steps', self%step_sums, err)
+    call hdf5_open_dataset(self%file%id, row_sums_name, self%row_sums, err)
+    if (.not. err%failed()) call hdf5_dataset_shape(self%row_sums, k, self%row_capacity, err)
     call hdf5_open_group(self%file%id, 'History', self%history_group, err)
     do k = 1, size(self%history)
       call hdf5_open_dataset(self%history_group, trim(self%layout%history(k)%name), &
@@ -869,7 +1240,7 @@ contains
   end subroutine plan_redistribution
 
   subroutine write_columns(comm, dataset, first_row, width, n, values, outgoing, send_count, &
-                           order, err)
+                           order, checksum, err)
     !! Sends the rows of one field to their ranks and writes them there; the values are used up.
     type(communicator_t), intent(in) :: comm
     integer(hid_t), intent(in) :: dataset
@@ -877,6 +1248,7 @@ contains
     integer, intent(in) :: width, n
     real(wp), allocatable, intent(inout) :: values(:, :)   !! (width, n)
     integer, intent(in) :: outgoing(n), send_count(0:), order(:)
+    type(checksum_t), intent(inout) :: checksum   !! of what this rank writes
     type(error_t), intent(inout) :: err
     real(wp), allocatable :: send(:), arrived(:), sorted(:, :)
     integer, allocatable :: arrived_count(:)
@@ -894,6 +1266,7 @@ contains
       end if
     end do
     if (allocated(sorted)) call move_alloc(sorted, values)
+    call checksum%add_reals(width*size(order), values)
     call hdf5_write_rows(dataset, first_row, width, size(order), values, err)
   end subroutine write_columns
 
@@ -932,6 +1305,10 @@ contains
     call hdf5_open_dataset(self%file%id, 'VTKHDF/Steps/PointOffsets', self%point_offsets, err)
     call hdf5_dataset_shape(self%point_offsets, width, n_row, err)
     if (err%failed()) return
+    if (n_step < 0_i8 .or. n_step > n_row .or. active < 1_i8 .or. active > 2_i8) then
+      call err%set(path//' is damaged: its number of steps contradicts it')
+      return
+    end if
     self%layout%n_step_max = int(n_row)
     call start_counting(self)
     n = int(n_step)
@@ -948,6 +1325,10 @@ contains
     call hdf5_open_dataset(self%file%id, 'VTKHDF/PointData/id', self%ids, err)
     call hdf5_open_group(self%file%id, 'History', self%history_group, err)
     call hdf5_read_attribute(self%history_group, 'n_entries', self%n_history, err)
+    if (any(self%count(:n) < 0_i8) .or. any(self%count(:n) > self%layout%n_point) .or. &
+        self%n_history < 0_i8) then
+      call err%set(path//' is damaged: its numbers of points or rows contradict it')
+    end if
   end subroutine read_layout
 
   subroutine continue_in_place(self, comm, old, n_kept, time, layout, err)
@@ -1025,22 +1406,17 @@ contains
     type(result_file_t), intent(in) :: old
     integer(i8), intent(in) :: n_history
     type(error_t), intent(inout) :: err
-    real(wp), allocatable :: column(:)
-    integer(hid_t) :: dataset
-    integer(i8) :: n_row
-    integer :: k, n, width
+    real(wp), allocatable :: table(:, :)
+    integer :: k, n
 
     n = int(n_history)
     if (comm%is_root()) then
-      allocate (column(n))
+      call read_history(old, n, self%layout%history, table, err)
       do k = 1, size(self%history)
-        call find_dataset(old%history_group, self%layout%history(k)%name, width, n_row)
-        if (width /= 1) cycle
-        call hdf5_open_dataset(old%history_group, trim(self%layout%history(k)%name), dataset, err)
-        call hdf5_read_rows(dataset, 1_i8, n, column, err)
-        call hdf5_write_rows(self%history(k), 1_i8, n, column, err)
-        call hdf5_close_dataset(dataset, err)
+        call hdf5_write_rows(self%history(k), 1_i8, n, table(k, :), err)
       end do
+      call hdf5_write_rows(self%row_sums, 1_i8, n, &
+                           checksums_of_rows(size(self%history), n, table), err)
     end if
     self%n_history = n_history
     call hdf5_update_attribute(self%history_group, 'n_entries', n_history, err)
@@ -1073,6 +1449,7 @@ contains
       call hdf5_close_dataset(dataset, err)
     end do
     call hdf5_close_group(group, err)
+    call copy_sums(self, comm, old, n_kept, err)
     call comm%agree(err)
     if (err%failed()) return
     self%time(:n_kept) = old%time(:n_kept)
@@ -1080,6 +1457,36 @@ contains
     self%n_row = sum(old%count(:n_kept))
     call show(self, comm, n_kept, err)
   end subroutine copy_steps
+
+  subroutine copy_sums(self, comm, old, n_kept, err)
+    !! Checksums of copied steps: those of the old file, or of zeros for fields that it lacks.
+    type(result_file_t), intent(in) :: self
+    type(communicator_t), intent(in) :: comm
+    type(result_file_t), intent(in) :: old
+    integer, intent(in) :: n_kept
+    type(error_t), intent(inout) :: err
+    character(len=64), allocatable :: names(:)
+    integer(i8), allocatable :: sums(:)
+    type(checksum_t) :: zeros
+    integer :: step, k, from, width
+
+    names = summed_names(self%layout)
+    do step = 1, n_kept
+      sums = old%kept_sums(:n_first_sum, step)
+      do k = 1, size(self%layout%field)
+        from = findloc(old%summed == names(n_first_sum + k), .true., dim=1)
+        width = self%layout%field(k)%n_components
+        zeros = checksum_t()
+        call zeros%add_zeros(width*old%count(step))
+        if (from > 0) then
+          sums = [sums, old%kept_sums(from, step)]
+        else
+          sums = [sums, zeros%value()]
+        end if
+      end do
+      call write_step_sums(self, comm, step, sums, err)
+    end do
+  end subroutine copy_sums
 
   subroutine copy_reals(comm, source, destination, width, n_row, err)
     !! Copies the first rows of a dataset, every rank its share.

@@ -276,6 +276,7 @@ module dosui_scene
     real(wp) :: history_interval = 0.0_wp            !! [s]; 0: about 1000 entries over the run
     integer :: checkpoint_steps = 0                  !! 0: off
     real(wp) :: checkpoint_minutes = 0.0_wp          !! 0: off
+    logical :: checkpoint_at_outputs = .false.       !! one each, all of them kept
     real(wp) :: progress_seconds = 5.0_wp            !! wall time between progress lines [s]
   end type output_t
 

@@ -21,6 +21,12 @@ module dosui_scene_keys
 
   character(len=*), parameter :: or_unlimited = 'unlimited'
 
+  ! what a restart may change of a key (docs/restart.md)
+  integer, parameter, public :: restart_same = 0      !! nothing
+  integer, parameter, public :: restart_free = 1      !! its value
+  integer, parameter, public :: restart_later = 2     !! factors later than the checkpoint
+  integer, parameter, public :: restart_content = 3   !! the path, not what the file holds
+
   type, public :: key_t
     !! What is known about a key.
     character(len=:), allocatable :: name
@@ -34,6 +40,7 @@ module dosui_scene_keys
     logical :: applies = .true.                    !! is the condition `only` met in this instance?
     logical :: is_undecided = .false.              !! unknown, because a choice above is missing
     integer :: longest = name_length               !! characters of a text
+    integer :: restart = restart_same              !! what a restart may change
     ! filled by collect_keys
     character(len=:), allocatable :: group
     character(len=:), allocatable :: kind          !! 'real', 'integer', 'logical', 'text', ...
@@ -46,6 +53,7 @@ module dosui_scene_keys
     character(len=:), allocatable :: description
     logical :: is_required = .false.
     logical :: is_repeatable = .false.
+    logical :: is_free = .false.   !! a restart may change all of its keys
   end type group_t
 
   type, abstract, public :: key_visitor_t
@@ -126,6 +134,7 @@ module dosui_scene_keys
   type, extends(key_visitor_t) :: collector_t
     !! Lists the keys with their kinds and defaults.
     character(len=:), allocatable :: group
+    logical :: is_free = .false.           !! is the group?
     type(key_t), allocatable :: key(:)
   contains
     procedure :: real => collect_real
@@ -145,6 +154,9 @@ contains
   pure function scene_groups() result(groups)
     !! All groups in the order in which a scene is best written.
     type(group_t), allocatable :: groups(:)
+    character(len=12), parameter :: free_group(4) = [character(len=12) :: &
+                                                  'probe', 'solver', 'output', 'verification']
+    integer :: g
 
     allocate (groups(20))
     groups(1) = group_t('scene', 'What is computed, and how.', .true., .false.)
@@ -186,6 +198,9 @@ contains
     groups(19) = group_t('output', 'Names and intervals of the files.', .false., .false.)
     groups(20) = group_t('verification', 'The exact solution that `dosui-post verify` compares '// &
                          'with.', .false., .false.)
+    do g = 1, size(groups)
+      groups(g)%is_free = any(free_group == groups(g)%name)
+    end do
   end function scene_groups
 
   pure integer function group_size(scene, group) result(n)
@@ -325,7 +340,7 @@ contains
 
     dimension = ndim
     call v%text(scene%title, &
-                key('title', 'one line about the scene', longest=1000))
+                key('title', 'one line about the scene', longest=1000, restart=restart_free))
     call v%integer(dimension, &
                    key('dimension', 'space dimensions: (z), (x, z) or (x, y, z); z is up', &
                        range='>= 1 and <= 3', required=.true.))
@@ -341,7 +356,8 @@ contains
                     'the grid', choices='small_strain finite updated'))
     call v%name(scene%leaving_particles, &
                 key('leaving_particles', 'what happens when a particle leaves the domain: stop '// &
-                    'with an error, or remove and count it', choices='stop remove'))
+                    'with an error, or remove and count it', choices='stop remove', &
+                    restart=restart_free))
     call v%vector(scene%gravity, &
                   key('gravity', 'acceleration; z is up, so its last component is negative', &
                       unit='m/s2'))
@@ -365,9 +381,11 @@ contains
                     'auto: gimp with deformation = ''updated'', where particles cross cells, '// &
                     'else linear', choices='auto linear gimp bspline'))
     call v%vector(scene%domain_min, &
-                  key('domain_min', 'particles below have left the domain', unit='m'))
+                  key('domain_min', 'particles below have left the domain', unit='m', &
+                      restart=restart_free))
     call v%vector(scene%domain_max, &
-                  key('domain_max', 'particles above have left the domain', unit='m'))
+                  key('domain_max', 'particles above have left the domain', unit='m', &
+                      restart=restart_free))
   end subroutine visit_grid
 
   subroutine visit_time(v, time)
@@ -376,21 +394,23 @@ contains
     type(time_t), intent(inout) :: time
 
     call v%real(time%end_time, &
-                key('end_time', 'end of the run', unit='s', range='> 0', required=.true.))
+                key('end_time', 'end of the run', unit='s', range='> 0', required=.true., &
+                    restart=restart_free))
     call v%real(time%output_interval, &
                 key('output_interval', 'time between outputs; 0: only output_times and the end', &
-                    unit='s', range='>= 0'))
+                    unit='s', range='>= 0', restart=restart_free))
     call v%list(time%output_times, &
                 key('output_times', 'times of output, besides the start and the end', unit='s', &
-                    range='> 0'))
+                    range='> 0', restart=restart_free))
     call v%real(time%courant, &
                 key('courant', 'fraction of the stability limit that a step takes', unit='-', &
-                    range='> 0 and <= 1'))
+                    range='> 0 and <= 1', restart=restart_free))
     call v%real(time%time_step, &
                 key('time_step', 'fixed step; 0: chosen from the stability limits', unit='s', &
-                    range='>= 0'))
+                    range='>= 0', restart=restart_free))
     call v%real(time%largest_step, &
-                key('largest_step', 'no step is longer', unit='s', range='> 0'))
+                key('largest_step', 'no step is longer', unit='s', range='> 0', &
+                    restart=restart_free))
     call v%logical(time%geostatic_start, &
                    key('geostatic_start', 'bring the initial effective stresses into '// &
                        'equilibrium with weight, loads and the initial pore pressures before '// &
@@ -400,10 +420,11 @@ contains
                        'loads at t = 0 before the clock starts'))
     call v%integer(time%maximum_steps, &
                    key('maximum_steps', 'the run ends after so many steps', range='>= 1', &
-                       fallback=or_unlimited))
+                       fallback=or_unlimited, restart=restart_free))
     call v%real(time%relative_tolerance, &
                 key('relative_tolerance', 'quasi_static: error of the pressures that a step '// &
-                    'may make, relative to their size', unit='-', range='> 0 and <= 0.1'))
+                    'may make, relative to their size', unit='-', range='> 0 and <= 0.1', &
+                    restart=restart_free))
   end subroutine visit_time
 
   subroutine visit_material(v, material, is_dry)
@@ -576,7 +597,7 @@ contains
                     unit='Pa', range='> 0', only=only, applies=applies))
     call v%real(material%substep_tolerance, &
                 key('substep_tolerance', 'error of a sub-step over the mean stress', unit='-', &
-                    range='>= 1e-10 and <= 1e-2', only=only, applies=applies))
+                    range='>= 1e-10 and <= 1e-2', only=only, applies=applies, restart=restart_free))
   end subroutine visit_sand
 
   subroutine visit_retention(v, material, is_dry)
@@ -627,7 +648,8 @@ contains
                     unit='-', range='>= 1.5 and <= 4'))
     call v%real(water%rebuild_displacement, &
                 key('rebuild_displacement', 'neighbourhoods are built anew when a particle has '// &
-                    'moved so far, in particle spacings', unit='-', range='> 0 and <= 1'))
+                    'moved so far, in particle spacings', unit='-', range='> 0 and <= 1', &
+                    restart=restart_free))
     call v%real(water%cell_storage, &
                 key('cell_storage', 'pressure-projection storage inside a cell, tau_i', unit='-', &
                     range='>= 0', only='operator = ''compact''', &
@@ -639,7 +661,7 @@ contains
     call v%name(water%stepping, &
                 key('stepping', 'pressure steps within a mechanical step: one, several, RKL2 '// &
                     'super-time-stepping, or chosen from the limits', &
-                    choices='auto single subcycle rkl2'))
+                    choices='auto single subcycle rkl2', restart=restart_free))
   end subroutine visit_water
 
   subroutine visit_mechanics(v, mechanics)
@@ -653,7 +675,8 @@ contains
     call v%real(mechanics%flip_fraction, &
                 key('flip_fraction', 'share of FLIP, the rest is PIC', unit='-', &
                     range='>= 0 and <= 1', only='transfer = ''blend''', &
-                    applies=mechanics%transfer == 'blend', undecided=mechanics%transfer == ''))
+                    applies=mechanics%transfer == 'blend', undecided=mechanics%transfer == '', &
+                    restart=restart_free))
     call v%logical(mechanics%average_volume_change, &
                    key('average_volume_change', 'volume change of skeleton and water averaged '// &
                        'over the cell (B-bar)'))
@@ -663,12 +686,13 @@ contains
     call v%name(mechanics%damping, &
                 key('damping', 'viscous: force -c m v; local: -c |force| against the velocity; '// &
                     'fading: viscous with c = b/t, for loads at the start', &
-                    choices='none viscous local fading'))
+                    choices='none viscous local fading', restart=restart_free))
     call v%real(mechanics%damping_coefficient, &
                 key('damping_coefficient', 'c: viscous [1/s], local [-]; b: fading [-]; '// &
                     'negative: from the scene''s lowest frequency, 0.3 and 3', &
                     only='damping = ''viscous'', ''local'' or ''fading''', &
-                    applies=mechanics%damping /= 'none', undecided=mechanics%damping == ''))
+                    applies=mechanics%damping /= 'none', undecided=mechanics%damping == '', &
+                    restart=restart_free))
     call v%real(mechanics%density_scaling, &
                 key('density_scaling', 'factor on inertia only, for quasi-static runs', unit='-', &
                     range='>= 1'))
@@ -723,7 +747,8 @@ contains
                     'from the scene''s folder. Its faces are called by the names of '// &
                     'its solids, and face1, face2, ...: the start and --check list them', &
                     longest=1000, required=.true., only='shape = ''stl''', &
-                    applies=region%shape == 'stl', undecided=region%shape == ''))
+                    applies=region%shape == 'stl', undecided=region%shape == '', &
+                    restart=restart_content))
     call v%real(region%stl_scale, &
                 key('stl_scale', 'unit of the file, e.g. 1e-3 for mm', unit='m', range='> 0', &
                     only='shape = ''stl''', applies=region%shape == 'stl', &
@@ -738,7 +763,7 @@ contains
                     'folder, takes the place of the lattice: x, (y,) z [m] and, if given, '// &
                     'volume [m3; m2 in 2-D, m in 1-D] in each line; a first line with names '// &
                     'picks these columns; # begins a comment. The shape still tells the faces', &
-                    longest=1000))
+                    longest=1000, restart=restart_content))
     call v%real(region%particle_spacing, &
                 key('particle_spacing', 'of the lattice; 0: grid spacing / particles_per_cell, '// &
                     'or the mean one of particle_file', unit='m', range='>= 0'))
@@ -931,7 +956,7 @@ contains
     call v%text(motion%file, &
                 key('file', 'a file with a time [s] and a factor in each line, a path from '// &
                     'the scene''s folder, takes the place of factor_times and '// &
-                    'factor_values; # begins a comment', longest=1000))
+                    'factor_values; # begins a comment', longest=1000, restart=restart_content))
     call visit_formula(v, motion%pattern%formula, '', .true.)
   end subroutine visit_base_motion
 
@@ -985,11 +1010,11 @@ contains
 
     call v%list(table%time, &
                 key('factor_times', 'times of factor_values, strictly increasing', unit='s', &
-                    only=only, applies=applies))
+                    only=only, applies=applies, restart=restart_later))
     call v%list(table%value, &
                 key('factor_values', 'factors on value: linear between the times, constant '// &
                     'before and after', unit='-', only=only, applies=applies, &
-                    fallback='1 at all times'))
+                    fallback='1 at all times', restart=restart_later))
   end subroutine visit_table
 
   subroutine visit_source(v, source)
@@ -1061,10 +1086,10 @@ contains
     type(output_t), intent(inout) :: output
 
     call v%text(output%name, &
-                key('name', 'stem of the files', longest=200, &
+                key('name', 'stem of the files', longest=200, restart=restart_content, &
                     fallback='name of the scene''s folder or file'))
     call v%text(output%directory, &
-                key('directory', 'where the files go', longest=4000, &
+                key('directory', 'where the files go', longest=4000, restart=restart_content, &
                     fallback='the working directory'))
     call v%real(output%history_interval, &
                 key('history_interval', 'time between entries of the histories; 0: about 1000 '// &
@@ -1074,6 +1099,9 @@ contains
     call v%real(output%checkpoint_minutes, &
                 key('checkpoint_minutes', 'wall time between checkpoints; 0: none', unit='min', &
                     range='>= 0'))
+    call v%logical(output%checkpoint_at_outputs, &
+                   key('checkpoint_at_outputs', 'a checkpoint at every output, the start and '// &
+                       'the end included; all are kept, as <name>.restart.<step>.h5'))
     call v%real(output%progress_seconds, &
                 key('progress_seconds', 'wall time between lines of progress', unit='s', &
                     range='>= 0'))
@@ -1100,12 +1128,12 @@ contains
   end subroutine visit_verification
 
   pure function key(name, description, unit, range, choices, only, applies, required, fallback, &
-                    longest, undecided)
+                    longest, undecided, restart)
     !! A key with what was left out empty.
     character(len=*), intent(in) :: name, description
     character(len=*), intent(in), optional :: unit, range, choices, only, fallback
     logical, intent(in), optional :: applies, required, undecided
-    integer, intent(in), optional :: longest
+    integer, intent(in), optional :: longest, restart
     type(key_t) :: key
 
     key%name = name
@@ -1124,6 +1152,7 @@ contains
     if (present(required)) key%is_required = required
     if (present(longest)) key%longest = longest
     if (present(undecided)) key%is_undecided = undecided
+    if (present(restart)) key%restart = restart
   end function key
 
   ! ---------------------------------------------------------------- what ranges and choices mean
@@ -1206,6 +1235,7 @@ contains
     allocate (collector%key(0))
     do g = 1, size(groups)
       collector%group = groups(g)%name
+      collector%is_free = groups(g)%is_free
       call allocate_group(scene, groups(g)%name, 1)
       call visit_group(collector, scene, groups(g)%name, 1)
     end do
@@ -1227,6 +1257,7 @@ contains
     end do
     more(n + 1) = key
     more(n + 1)%group = self%group
+    if (self%is_free) more(n + 1)%restart = restart_free
     more(n + 1)%kind = kind
     more(n + 1)%default = default
     if (len(default) == 0 .and. len(key%fallback) == 0 .and. kind /= 'text') then

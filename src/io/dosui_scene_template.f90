@@ -6,7 +6,7 @@ module dosui_scene_template
   use dosui_scene, only: scene_t
   use dosui_scene_echo, only: entry_t, group_entries
   use dosui_scene_keys, only: group_t, key_t, scene_groups, group_size, allocate_group, &
-                              collect_keys
+                              collect_keys, restart_content, restart_free, restart_later
   implicit none
   private
 
@@ -245,6 +245,10 @@ contains
                'Numbers are in SI units, with a decimal point.'//newline//newline// &
                '`dosui --template 2` prints a scene that runs, with all keys; `dosui --check '// &
                'scene.nml` checks one'//newline//'without computing.'//newline//newline// &
+               'The last column of the pages tells what may change at a restart: free, the '// &
+               'value; later, factors after'//newline//'the time of the checkpoint; content, '// &
+               'the path of a file but not what it holds; nothing, if it is empty'//newline// &
+               '([restart](../restart.md)).'//newline//newline// &
                '| group | given | holds |'//newline//'|---|---|---|'//newline
     do g = 1, size(groups)
       contents = contents//'| [`&'//groups(g)%name//'`]('//groups(g)%name//'.md) | '// &
@@ -271,8 +275,8 @@ contains
 
     text = docs_mark()//'# `&'//group%name//'`'//newline//newline//group%description// &
            newline//newline//'This group is '//group_note(group)//'.'//newline//newline// &
-           '| key | type | unit | default | allowed | meaning |'//newline// &
-           '|---|---|---|---|---|---|'//newline
+           '| key | type | unit | default | allowed | meaning | at a restart |'//newline// &
+           '|---|---|---|---|---|---|---|'//newline
     do k = 1, size(keys)
       if (keys(k)%group == group%name) text = text//key_row(keys(k))//newline
     end do
@@ -295,8 +299,25 @@ contains
     row = '| `'//key%name//'` | '//kind//' | '//key%unit//' | '//default//' | '//allowed//' | '// &
           key%description
     if (len(key%only) > 0) row = row//'. Only with '//key%only
-    row = row//' |'
+    row = row//' | '//restart_word(key)//' |'
   end function key_row
+
+  pure function restart_word(key) result(word)
+    !! What a restart may change of a key.
+    type(key_t), intent(in) :: key
+    character(len=:), allocatable :: word
+
+    select case (key%restart)
+    case (restart_free)
+      word = 'free'
+    case (restart_later)
+      word = 'later'
+    case (restart_content)
+      word = 'content'
+    case default
+      word = ''
+    end select
+  end function restart_word
 
   subroutine write_file(path, text, err)
     !! Replaces a text file.

@@ -34,7 +34,7 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(Path(__file__).parent))
 sys.path.insert(0, str(ROOT / "tests" / "verification"))
 from bodies import box, write_binary, write_text  # noqa: E402
-from damage import spoiled_bytes, spoiled_text  # noqa: E402
+from slips import spoiled_bytes, spoiled_text  # noqa: E402
 from scenes import random_scene  # noqa: E402
 
 BIN = Path(os.environ.get("DOSUI_BIN", ROOT / "build" / "release" / "bin"))

@@ -47,6 +47,27 @@ def _complain(error: Exception) -> None:
 # ---------------------------------------------------------------------- commands
 
 
+def _check(options: argparse.Namespace) -> int:
+    from dosui_post.checksum import seal_problem
+
+    status = _PASSED
+    for path in options.files:
+        try:
+            if path.name.endswith((".h5", ".h5.previous")):
+                problem = seal_problem(path)
+                if problem:
+                    raise DosuiPostError(f"{path} is damaged: {problem}")
+                print(f"{path}: undamaged")
+            else:
+                with Result(path) as result:
+                    n = result.check()
+                print(f"{path}: undamaged, {n} checksums" if n else f"{path}: has no checksums")
+        except (DosuiPostError, OSError) as error:
+            _complain(error)
+            status = _FAILED
+    return status
+
+
 def _verify(options: argparse.Namespace) -> int:
     from dosui_post.verify import verify
 
@@ -195,6 +216,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"dosui-post {__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
     _add_verify(commands)
+    _add_check(commands)
     plot = commands.add_parser("plot", help="draw a figure")
     _add_plots(plot.add_subparsers(metavar="FIGURE", required=True))
     _add_animate(commands)
@@ -231,6 +253,17 @@ def _add_verify(commands: _Commands) -> None:
         help="leave out output before this time factor (default: 0)",
     )
     verify.set_defaults(run=_verify)
+
+
+def _add_check(commands: _Commands) -> None:
+    check = commands.add_parser(
+        "check",
+        help="look for damage of results and checkpoints",
+        description="Compares everything that result files and checkpoints hold with their"
+        " checksums, and fails (exit status 1) if something does not fit.",
+    )
+    check.add_argument("files", metavar="FILE", nargs="+", type=Path)
+    check.set_defaults(run=_check)
 
 
 def _add_plots(figures: _Commands) -> None:

@@ -1,11 +1,14 @@
 """Reads a result file of dosui: VTKHDF poly data plus /History and /Scene.
 
 A run that was killed leaves a valid file: only the first `NSteps` steps and the first
-`n_entries` rows of the histories count, whatever room the datasets have.
+`n_entries` rows of the histories count, whatever room the datasets have. What is read is compared
+with the file's checksums; files of versions that had none are read without.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -14,6 +17,7 @@ import h5py
 import numpy as np
 import numpy.typing as npt
 
+from dosui_post.checksum import checksum, rows_checksums, text_checksum
 from dosui_post.errors import DosuiPostError
 from dosui_post.namelist import Group, parse
 
@@ -88,8 +92,9 @@ class Result:
 
     def points(self, step: int) -> FloatArray:
         """Positions of the particles (n, 3) [m], as written."""
-        offset = int(self._steps["PointOffsets"][self._index(step)])
-        return self._rows(self._root["Points"], offset, step)
+        with self._reading():
+            offset = int(self._steps["PointOffsets"][self._index(step)])
+            return self._rows(self._root["Points"], "Points", offset, step)
 
     def field_names(self) -> list[str]:
         """Names of the fields stored for every particle."""
@@ -101,10 +106,11 @@ class Result:
 
     def field(self, name: str, step: int) -> FloatArray:
         """A field of one step, (n) or (n, components), in the unit of `field_unit`."""
-        data = self._field(name)
-        offsets = self._steps.get("PointDataOffsets", {})
-        table = offsets[name] if name in offsets else self._steps["PointOffsets"]
-        return self._rows(data, int(table[self._index(step)]), step)
+        with self._reading():
+            data = self._field(name)
+            offsets = self._steps.get("PointDataOffsets", {})
+            table = offsets[name] if name in offsets else self._steps["PointOffsets"]
+            return self._rows(data, name, int(table[self._index(step)]), step)
 
     def field_unit(self, name: str) -> str:
         """Unit of a field, '' for a pure number."""
@@ -130,7 +136,9 @@ class Result:
         if self._history is None or name not in self._history:
             known = ", ".join(self.history_names()) or "none"
             raise DosuiPostError(f"{self.path} has no history '{name}' (it has: {known})")
-        return np.asarray(self._history[name][: self._n_entries], dtype=np.float64)
+        with self._reading():
+            self._check_history()
+            return np.asarray(self._history[name][: self._n_entries], dtype=np.float64)
 
     def history_unit(self, name: str) -> str:
         """Unit of a history, '' for a pure number."""
@@ -143,6 +151,14 @@ class Result:
         return int(np.argmin(np.abs(self.times - time)))
 
     # ------------------------------------------------------------------ inside
+
+    @contextmanager
+    def _reading(self) -> Iterator[None]:
+        """What HDF5 cannot read is damaged."""
+        try:
+            yield
+        except (KeyError, TypeError, ValueError, OSError, RuntimeError) as error:
+            raise DosuiPostError(f"{self.path} is damaged: {error}") from error
 
     def _read_layout(self) -> None:
         if "VTKHDF" not in self._file:
@@ -163,9 +179,88 @@ class Result:
         if self._history is not None and len(self._history) > 0:
             longest = max(len(self._history[name]) for name in self._history)
             self._n_entries = int(self._history.attrs.get("n_entries", longest))
+        self._read_checksums(n_steps)
         group = self._file.get("Scene")
         self.metadata = dict(group.attrs) if group is not None else {}
         self.scene = Scene(_stored_text(group, "text"), _stored_text(group, "echo"))
+
+    def _read_checksums(self, n_steps: int) -> None:
+        self._sums: dict[str, npt.NDArray[np.int64]] = {}
+        self._history_is_checked = False
+        group = self._file.get("Checksums")
+        if group is None:
+            return
+        names = _lines(group, "step_columns")
+        table = np.asarray(group["steps"][:n_steps])
+        if table.shape != (n_steps, len(names)):
+            raise DosuiPostError(f"{self.path} is damaged: its table of checksums is too short")
+        self._sums = dict(zip(names, table.T, strict=True))
+        offsets = np.asarray(self._steps["PointOffsets"][:n_steps], dtype=np.int64)
+        places = [self.times, offsets.view(np.float64), self._count.view(np.float64)]
+        self._compare("place", rows_checksums(np.column_stack(places)))
+        for name in ("text", "echo"):
+            stored = np.asarray(self._file["Scene"][name][()]).tobytes().rstrip(b"\0")
+            if text_checksum(stored) != int(group.attrs[f"scene_{name}"]):
+                raise DosuiPostError(f"{self.path} is damaged: the scene's checksum does not fit")
+
+    def _compare(self, name: str, found: npt.NDArray[np.int64], first: int = 0) -> None:
+        """Compares checksums of steps from `first` on with the file's."""
+        if name not in self._sums:
+            return
+        wrong = np.nonzero(self._sums[name][first : first + len(found)] != found)[0]
+        if len(wrong) > 0:
+            raise DosuiPostError(
+                f"{self.path} is damaged: the checksum of {name} in step {first + wrong[0]}"
+                " does not fit"
+            )
+
+    def _check_history(self) -> None:
+        """Compares the histories with their checksums, once."""
+        if self._history_is_checked or "Checksums" not in self._file:
+            return
+        group = self._file["Checksums"]
+        n = self._n_entries
+        columns = [self._history[name][:n] for name in _lines(group, "history_columns")]
+        if columns:
+            found = rows_checksums(np.column_stack(columns))
+            wrong = np.nonzero(np.asarray(group["history"][:n]) != found)[0]
+            if len(wrong) > 0:
+                raise DosuiPostError(
+                    f"{self.path} is damaged: the checksum of row {wrong[0]} of the histories"
+                    " does not fit"
+                )
+        self._history_is_checked = True
+
+    def check(self) -> int:
+        """Compares everything that the file shows with its checksums.
+
+        Returns how many checksums there are; 0 for a file of a version that had none.
+        """
+        if not self._sums:
+            return 0
+        with self._reading():
+            self._check_history()
+            for step in range(self.n_steps):
+                self.points(step)
+                for name in self._sums.keys() - {"place", "Points"}:
+                    self.field(name, step)
+                self._check_vertices(step)
+        return len(self._sums) * self.n_steps + self._n_entries
+
+    def _check_vertices(self, step: int) -> None:
+        """Points are vertices 0, 1, ..., which has no checksum."""
+        vertices = self._root["Vertices"]
+        offset, count = int(self._steps["PointOffsets"][step]), int(self._count[step])
+        first = offset + step
+        numbers = np.arange(count + 1)
+        fits = (
+            np.array_equal(vertices["Offsets"][first : first + count + 1], numbers)
+            and np.array_equal(vertices["Connectivity"][:count], numbers[:count])
+            and int(vertices["NumberOfCells"][step]) == count
+            and np.array_equal(self._steps["CellOffsets"][step], [offset, 0, 0, 0])
+        )
+        if not fits:
+            raise DosuiPostError(f"{self.path} is damaged: the vertices of step {step} are wrong")
 
     def _points_per_step(self, n_steps: int) -> npt.NDArray[np.int64]:
         counts = self._root["NumberOfPoints"]
@@ -190,12 +285,15 @@ class Result:
             raise DosuiPostError(f"{self.path} has no field '{name}' (it has: {known})")
         return self._root["PointData"][name]
 
-    def _rows(self, data: Any, offset: int, step: int) -> FloatArray:
+    def _rows(self, data: Any, name: str, offset: int, step: int) -> FloatArray:
         count = int(self._count[self._index(step)])
         try:
-            rows = np.asarray(data[offset : offset + count], dtype=np.float64)
+            stored = np.asarray(data[offset : offset + count])
         except OSError as error:
             raise DosuiPostError(f"{self.path} cannot be read: {error}") from error
+        if name in self._sums:
+            self._compare(name, np.array([checksum(stored)]), self._index(step))
+        rows = stored.astype(np.float64)
         if len(rows) != count:
             raise DosuiPostError(f"{self.path} is damaged: step {step} lacks rows of {data.name}")
         return rows
@@ -237,6 +335,10 @@ def _open(path: Path) -> Any:
 def _unit(data: Any) -> str:
     unit = _text(data.attrs.get("unit", ""))
     return "" if unit == "-" else unit
+
+
+def _lines(group: Any, name: str) -> list[str]:
+    return _text(group[name][()]).split("\n")[:-1]
 
 
 def _stored_text(group: Any, name: str) -> str:

@@ -29,8 +29,9 @@ module dosui_simulation
   integer, parameter, public :: status_finished = 0, status_failed = 1, status_bad_input = 2, &
                                 status_stopped = 3   !! exit statuses
   integer, parameter, public :: to_run = 1, to_check = 2, to_find_safety = 3   !! purposes
-  integer, parameter :: explicit_check_interval = 64  !! steps between looks at signals and NaN
+  integer(i8), parameter :: explicit_check_interval = 64_i8  !! steps between looks at signals and NaN
   integer, parameter :: equilibrium_passes = 20       !! of updated scenes
+  real(wp), parameter :: most_steps = 9.0e18_wp       !! that 64 bits count
   real(wp), parameter :: settled = 1.0e-12_wp         !! of the first displacements [-]
   real(wp), parameter :: pass_reduction = 1.0e-9_wp   !! of their residual [-]
 
@@ -94,7 +95,8 @@ contains
     end if
     call model%log%info('time step    '//to_text(model%clock%dt)//' s, limited by '// &
                         trim(model%clock%limit%name)//'; about '// &
-                        to_text(nint(model%scene%time%end_time/model%clock%limit%dt, i8))//' steps')
+                        to_text(nint(min(model%scene%time%end_time/model%clock%limit%dt, &
+                                         most_steps), i8))//' steps')
   end subroutine say_step
 
   logical function report(model, problems, err) result(failed)
@@ -135,13 +137,13 @@ contains
     integer, intent(out) :: status
     type(error_t), intent(inout) :: err
     real(wp) :: started, last_line, last_checkpoint
-    integer :: first_step, check_interval
+    integer(i8) :: first_step, check_interval
     type(quasi_static_t) :: quasi_static
     type(semi_implicit_t) :: semi_implicit
     type(error_t) :: write_error
 
     status = status_failed
-    check_interval = merge(explicit_check_interval, 1, model%integrator == 'explicit')
+    check_interval = merge(explicit_check_interval, 1_i8, model%integrator == 'explicit')
     if (from_start .and. model%scene%time%geostatic_start .and. .not. model%rigid) then
       call geostatic_start(model, err)
       if (err%failed()) return
@@ -169,7 +171,7 @@ contains
       else
         call step(model, semi_implicit, err)
       end if
-      if (mod(model%clock%step, check_interval) == 0 .or. model%clock%at_output()) then
+      if (mod(model%clock%step, check_interval) == 0_i8 .or. model%clock%at_output()) then
         call check_state(model, err)
       end if
       if (err%failed()) then
@@ -187,7 +189,7 @@ contains
         if (err%failed()) return
       end if
       if (model%clock%step >= model%scene%time%maximum_steps) exit
-      if (mod(model%clock%step, check_interval) == 0) then
+      if (mod(model%clock%step, check_interval) == 0_i8) then
         call progress(model, started, first_step, last_line)
         if (model%comm%any(signal_received())) then
           call files%write_checkpoint(model, err)
@@ -367,7 +369,8 @@ contains
     text = 'particle '//to_text(model%particles%id(p))//' '//what//' in step '// &
            to_text(model%clock%step)//', t = '//to_text(model%clock%time)//' s, at ('
     do d = 1, ndim
-      text = text//to_text(model%particles%field(model%p%position)%values(d, p))// &
+      text = text//to_text(model%particles%field(model%p%position)%values(d, p) + &
+                           model%scene%local_origin(d))// &
              merge(') m', ',  ', d == ndim)
     end do
   end function describe_particle
@@ -472,17 +475,17 @@ contains
     !! Writes a checkpoint every so many steps or minutes. Collective.
     type(model_t), intent(inout) :: model
     type(run_files_t), intent(inout) :: files
-    integer, intent(in) :: check_interval   !! steps between looks at the wall clock
+    integer(i8), intent(in) :: check_interval   !! steps between looks at the wall clock
     real(wp), intent(inout) :: last         !! wall clock of the last one [s]
     type(error_t), intent(inout) :: err
     logical :: due
 
     due = .false.
-    if (model%scene%output%checkpoint_steps > 0) then
-      due = mod(model%clock%step, model%scene%output%checkpoint_steps) == 0
+    if (model%scene%output%checkpoint_steps > 0_i8) then
+      due = mod(model%clock%step, model%scene%output%checkpoint_steps) == 0_i8
     end if
     if (model%scene%output%checkpoint_minutes > 0.0_wp .and. &
-        mod(model%clock%step, check_interval) == 0) then
+        mod(model%clock%step, check_interval) == 0_i8) then
       due = due .or. model%comm%any(wall_seconds() - last > &
                                     60.0_wp*model%scene%output%checkpoint_minutes)
     end if
@@ -495,7 +498,7 @@ contains
     !! A line now and then: step, time, dt and what limits it, rate, time to go.
     type(model_t), intent(inout) :: model
     real(wp), intent(in) :: started
-    integer, intent(in) :: first_step
+    integer(i8), intent(in) :: first_step
     real(wp), intent(inout) :: last_line
     real(wp) :: now, rate, to_go
 
@@ -543,7 +546,7 @@ contains
       call model%log%info('  '//model%timers%name(k) (1:20)//column(least)// &
                           column(mean)//column(most))
     end do
-    if (model%clock%step > 0 .and. total > 0.0_wp) then
+    if (model%clock%step > 0_i8 .and. total > 0.0_wp) then
       call model%log%info('particle-steps per second '// &
                           to_text(real(n, wp)*real(model%clock%step, wp)/total, 3)// &
                           ', rebuilds '//to_text(model%rebuilds))

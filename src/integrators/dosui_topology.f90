@@ -55,7 +55,7 @@ contains
     call inward_positions(model, inside)
     call send_home(model, model%surface, inside)
     if (model%finds_surface .and. anew) then
-      call renew_surface(model, changes=model%clock%step > 0)
+      call renew_surface(model, changes=model%clock%step > 0_i8)
       call inward_positions(model, inside)
       call send_home(model, model%surface, inside)
     end if

@@ -18,7 +18,7 @@ module dosui_seeding
 
   real(wp), parameter :: closest_to_face = 0.1_wp   !! for jittered particles, in spacings [-]
   real(wp), parameter :: round_off = 1.0e-9_wp      !! of a spacing [-]
-  real(wp), parameter :: most_sites = 5.0e8_wp      !! of a lattice, on each rank
+  real(wp), parameter, public :: most_sites = 5.0e8_wp   !! of a lattice, on each rank
 
   type :: lattice_t
     !! A regular lattice of n(1) x n(2) x n(3) points around a pivot.

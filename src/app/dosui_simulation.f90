@@ -15,6 +15,7 @@ module dosui_simulation
   use dosui_safety, only: find_safety_factor
   use dosui_scene, only: scene_t
   use dosui_semi_implicit, only: choose_semi_implicit_step, semi_implicit_t
+  use dosui_size_report, only: report_sizes
   use dosui_setup, only: describe_model, finish_setup, seed_model, setup_model
   use dosui_signals, only: signal_received, signals_watch
   use dosui_text, only: to_text
@@ -63,6 +64,7 @@ contains
     call finish_setup(model, err)
     if (report(model, problems, err)) return
     call describe_model(model)
+    call report_sizes(model, purpose == to_check)
     status = status_finished
     if (purpose == to_check) then
       call say_step(model)

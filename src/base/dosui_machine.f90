@@ -2,6 +2,7 @@
 module dosui_machine
   use, intrinsic :: iso_c_binding, only: c_char, c_int, c_long, c_null_char
   use dosui_kinds, only: wp, i8
+  use dosui_text, only: to_text
   implicit none
   private
 
@@ -98,7 +99,6 @@ contains
     !! A size for people: '12 MB', '3.4e5 GB'.
     real(wp), intent(in) :: bytes
     character(len=:), allocatable :: text
-    character(len=16) :: buffer
     real(wp) :: size
     character(len=2) :: unit
 
@@ -108,14 +108,6 @@ contains
       size = size/1000.0_wp
       unit = 'GB'
     end if
-    if (size < 10.0_wp) then
-      write (buffer, '(f0.1)') size
-      if (size < 1.0_wp) buffer = '0'//buffer(:15)
-    else if (size < 1.0e5_wp) then
-      write (buffer, '(i0)') nint(size)
-    else
-      write (buffer, '(es8.1)') size
-    end if
-    text = trim(adjustl(buffer))//' '//unit
+    text = to_text(size, merge(3, 2, size >= 100.0_wp .and. size < 1000.0_wp))//' '//unit
   end function bytes_text
 end module dosui_machine

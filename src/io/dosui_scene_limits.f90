@@ -12,15 +12,15 @@ module dosui_scene_limits
   use dosui_problems, only: problems_t
   use dosui_scene, only: scene_t
   use dosui_scene_sizes, only: region_particles, scene_sizes_t, sizes_of
-  use dosui_seeding, only: most_sites, region_spacing
+  use dosui_seeding, only: grid_reach, most_sites, region_spacing
   use dosui_shapes, only: shape_bounds
   use dosui_text, only: to_text
   implicit none
   private
 
-  public :: check_coordinates, check_reach, check_sizes, grid_reach
+  public :: check_coordinates, check_reach, check_sizes
 
-  real(wp), parameter :: most_outputs = 1.0e8_wp    !! of a result file
+  real(wp), parameter :: most_outputs = 1.0e7_wp    !! of a result file
   real(wp), parameter :: most_rows = 1.0e10_wp      !! of its histories
   real(wp), parameter :: large_region = 1.0e3_wp    !! side that may be meant in millimetres [m]
 
@@ -90,20 +90,6 @@ contains
     end do
   end subroutine check_coordinates
 
-  pure real(wp) function grid_reach(scene) result(reach)
-    !! How far from the local origin the numbers of cells and of neighbourhoods reach [m].
-    type(scene_t), intent(in) :: scene
-    integer :: r
-
-    reach = scene%grid_spacing
-    if (scene%water_mode /= 'none') then
-      do r = 1, size(scene%region)
-        reach = min(reach, scene%water%support_radius*region_spacing(scene, scene%region(r)))
-      end do
-    end if
-    reach = reach*real(largest_index, wp)
-  end function grid_reach
-
   subroutine check_reach(scene, namelist, problems)
     !! Do all bodies lie within the reach of the grid about the scene's local origin?
     type(scene_t), intent(in) :: scene
@@ -153,8 +139,10 @@ contains
     end if
     if (sizes%rows - sizes%outputs > most_rows) then
       call complain(namelist, problems, 'output', 1, 'history_interval', 'asks for about '// &
-                    to_text(sizes%rows, 2)//' rows: a file holds '//to_text(most_rows))
+                    to_text(sizes%rows, 2)//' rows of histories, '// &
+                    bytes_text(sizes%history_bytes)//': a file holds '//to_text(most_rows))
     end if
+    if (problems%count() > n_problem) return
     if (sizes%sites > most_sites*real(comm%size, wp)) then
       call complain_of_particles(scene, sizes, namelist, problems, 'more than '// &
                                  to_text(most_sites)//' lattice sites on a rank')
@@ -163,7 +151,8 @@ contains
                                  real(comm%size, wp))//' of memory on each rank, and '// &
                                  bytes_text(memory)//' are free')
     end if
-    if (problems%count() == n_problem .and. disk >= 0.0_wp .and. sizes%disk() > disk) then
+    if (problems%count() > n_problem) return
+    if (disk >= 0.0_wp .and. sizes%disk() > disk) then
       call complain_of_files(scene, sizes, namelist, problems, disk)
     end if
   end subroutine check_sizes

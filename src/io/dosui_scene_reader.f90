@@ -102,8 +102,8 @@ contains
     call comm%broadcast(reason)
     if (len(reason) > 0) call problems%add(path, 0, 'output', 'directory', &
                                            "'"//scene%output%directory//"'", reason)
-    if (problems%count() == 0) call check_reach(scene, namelist, problems)
     if (problems%count() == 0) call check_sizes(comm, scene, namelist, problems)
+    if (problems%count() == 0) call check_reach(scene, namelist, problems)
     if (problems%count() > 0) call err%set(path//': '//to_text(problems%count())//' problem(s)')
   end subroutine read_scene
 

@@ -17,16 +17,18 @@ module dosui_scene_sizes
   integer, parameter :: default_rows = 1000      !! of histories when the scene gives no interval
   real(wp), parameter :: real_bytes = 8.0_wp
 
-  ! Measured in runs of 1e5 to 1e6 particles (tests/performance/memory.py), in 1-D, 2-D and 3-D
-  ! [B]. A particle, with its fields, without water or implicit steps:
-  real(wp), parameter :: dry_particle(3) = [350.0_wp, 400.0_wp, 550.0_wp]
-  real(wp), parameter :: wet_particle(3) = [500.0_wp, 900.0_wp, 2200.0_wp]   !! more with water
-  real(wp), parameter :: moving_particle(3) = [150.0_wp, 250.0_wp, 400.0_wp]   !! more if it moves
-  real(wp), parameter :: cell(3) = [400.0_wp, 700.0_wp, 1200.0_wp]   !! and its nodes
-  real(wp), parameter :: moving_cell(3) = [400.0_wp, 1500.0_wp, 9000.0_wp]   !! more, wider patches
-  real(wp), parameter :: matrix_cell(3) = [1500.0_wp, 6000.0_wp, 40000.0_wp]
-  real(wp), parameter :: matrix_particle(3) = [1500.0_wp, 5000.0_wp, 20000.0_wp]   !! with water
-  real(wp), parameter :: process_bytes = 6.0e7_wp   !! a process without any particle
+  ! Measured by tests/performance/memory.py in 1-D, 2-D and 3-D [B]: particles with their fields,
+  ! then what comes on top of that.
+  real(wp), parameter :: dry_particle(3) = [300.0_wp, 270.0_wp, 400.0_wp]
+  real(wp), parameter :: wet_particle(3) = [250.0_wp, 310.0_wp, 900.0_wp]
+  real(wp), parameter :: moving_particle(3) = [40.0_wp, 40.0_wp, 60.0_wp]
+  real(wp), parameter :: matrix_particle(3) = [1500.0_wp, 4400.0_wp, 15000.0_wp]   !! with water
+  real(wp), parameter :: cell(3) = [200.0_wp, 300.0_wp, 600.0_wp]   !! with its nodes
+  real(wp), parameter :: matrix_cell(3) = [500.0_wp, 2500.0_wp, 15000.0_wp]
+  real(wp), parameter :: factor_particle(3) = [1000.0_wp, 270.0_wp, 400.0_wp]
+  !! of direct solutions, times 1 in 1-D, log2 n in 2-D, n^(1/3) in 3-D
+  real(wp), parameter :: point = 300.0_wp           !! on a surface
+  real(wp), parameter :: process_bytes = 5.0e7_wp   !! a process without any particle
 
   type, public :: scene_sizes_t
     !! Counts, and sizes in bytes.
@@ -65,18 +67,18 @@ contains
       sizes%particles = sizes%particles + particles
       sizes%sites = sizes%sites + sites
       sizes%surface_points = sizes%surface_points + region_points(scene, scene%region(r))
-      sizes%cells = sizes%cells + particles*(region_spacing(scene, scene%region(r))/ &
-                                             scene%grid_spacing)**ndim
+      sizes%cells = sizes%cells + particles*ratio(region_spacing(scene, scene%region(r)), &
+                                                  scene%grid_spacing)**ndim
     end do
     associate (time => scene%time)
       sizes%outputs = 2.0_wp
       if (time%output_interval > 0.0_wp) sizes%outputs = sizes%outputs + &
-                                                         time%end_time/time%output_interval
+                                                         ratio(time%end_time, time%output_interval)
       if (allocated(time%output_times)) sizes%outputs = sizes%outputs + &
                                                         real(size(time%output_times), wp)
       sizes%rows = real(default_rows, wp)
       if (scene%output%history_interval > 0.0_wp) then
-        sizes%rows = time%end_time/scene%output%history_interval
+        sizes%rows = ratio(time%end_time, scene%output%history_interval)
       end if
       sizes%rows = sizes%rows + sizes%outputs
     end associate
@@ -84,6 +86,15 @@ contains
     sizes%memory = memory_of(scene, integrator, sizes) + real(n_rank, wp)* &
                    (process_bytes + 2.0_wp*real_bytes*sizes%outputs)
   end function sizes_of
+
+  pure elemental real(wp) function ratio(a, b)
+    !! A quotient that does not overflow, nor do products of a few.
+    real(wp), intent(in) :: a, b
+    real(wp), parameter :: most = 1.0e30_wp
+
+    ratio = most
+    if (abs(b) > abs(a)/most) ratio = a/b
+  end function ratio
 
   pure subroutine region_particles(scene, region, particles, sites)
     !! Particles of a region, and the sites of its lattice that are looked at to find them.
@@ -99,12 +110,13 @@ contains
     end if
     spacing = region_spacing(scene, region)
     if (region%shape == 'box' .and. abs(region%lattice_angle - region%shape_angle) <= 0.0_wp) then
-      sites = product(anint((region%box_max - region%box_min)/spacing))
+      sites = product(anint(ratio(region%box_max - region%box_min, spacing)))
       particles = sites*shape_measure(region)/product(region%box_max - region%box_min)
     else
       call shape_bounds(region, region%shape_angle - region%lattice_angle, low, high)
-      sites = product((high - low)/spacing + 2.0_wp)
-      particles = shape_measure(region)/spacing**ndim
+      sites = product(ratio(high - low, spacing) + 2.0_wp)
+      particles = product(ratio(high - low, spacing))* &
+                  ratio(shape_measure(region), product(high - low))
     end if
   end subroutine region_particles
 
@@ -120,17 +132,17 @@ contains
     spacing = region_spacing(scene, region)
     points = 0.0_wp
     if (region%shape == 'stl') then
-      if (allocated(region%body)) points = sum(region%body%area)/spacing**2
+      if (allocated(region%body)) points = ratio(sum(region%body%area), spacing**2)
       return
     end if
     faces = shape_faces(region)
     do f = 1, size(faces)
       area = 1.0_wp
       do e = 1, ndim - 1
-        area = area*max(1.0_wp, norm2(faces(f)%edge(:, e))/spacing)
+        area = area*max(1.0_wp, ratio(norm2(faces(f)%edge(:, e)), spacing))
       end do
-      if (faces(f)%name == 'round') area = merge(2.0_wp*pi*faces(f)%radius/spacing, &
-                                                 4.0_wp*pi*(faces(f)%radius/spacing)**2, ndim == 2)
+      if (faces(f)%name == 'round') area = real(2*ndim - 2, wp)*pi* &
+                                           ratio(faces(f)%radius, spacing)**(ndim - 1)
       points = points + area
     end do
   end function region_points
@@ -168,7 +180,7 @@ contains
     type(scene_t), intent(in) :: scene
     character(len=*), intent(in) :: integrator
     type(scene_sizes_t), intent(in) :: sizes
-    real(wp) :: particle, per_cell, seeding
+    real(wp) :: particle, per_cell, seeding, fill(3)
     logical :: is_wet, is_implicit
 
     is_wet = scene%water_mode /= 'none'
@@ -177,15 +189,14 @@ contains
     per_cell = cell(ndim)
     if (is_wet) particle = particle + wet_particle(ndim)
     if (scene%deformation /= 'small_strain') particle = particle + moving_particle(ndim)
-    if (scene%deformation == 'updated' .and. scene%shape_function /= 'linear') then
-      per_cell = per_cell + moving_cell(ndim)
-    end if
     if (is_implicit) then
       per_cell = per_cell + matrix_cell(ndim)
       if (is_wet) particle = particle + matrix_particle(ndim)
+      fill = [1.0_wp, log(sizes%particles + 1.0_wp)/log(2.0_wp), sizes%particles**(1.0_wp/3.0_wp)]
+      if (scene%solver%linear == 'direct') particle = particle + factor_particle(ndim)*fill(ndim)
     end if
     seeding = real(8*ndim + 8, wp)*sizes%sites   ! before there are fields
     bytes = max(seeding, sizes%particles*particle + sizes%cells*per_cell) + &
-            300.0_wp*sizes%surface_points
+            point*sizes%surface_points
   end function memory_of
 end module dosui_scene_sizes

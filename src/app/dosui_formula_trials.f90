@@ -99,7 +99,7 @@ contains
     times: do j = 1, size(trial%time)
       do p = 1 + mod(j - 1, stride), size(position, 2), stride
         if (abs(value*pattern%at(trial%time(j), position(:, p))) <= huge(1.0_wp)) cycle
-        call fault%set(what_is_wrong(position(:, p), trial%time(j)))
+        call fault%set(what_is_wrong(position(:, p) + model%scene%local_origin, trial%time(j)))
         exit times
       end do
     end do times
@@ -135,8 +135,9 @@ contains
       stride = stride_of(n, size(trial%time))
       times: do j = 1, size(trial%time)
         do p = 1 + mod(j - 1, stride), n, stride
-          if (abs(formula%value([position(:, p), trial%time(j)])) <= huge(1.0_wp)) cycle
-          call fault%set(what_is_wrong(position(:, p), trial%time(j)))
+          if (abs(formula%value([position(:, p) + model%scene%local_origin, &
+                                 trial%time(j)])) <= huge(1.0_wp)) cycle
+          call fault%set(what_is_wrong(position(:, p) + model%scene%local_origin, trial%time(j)))
           exit times
         end do
       end do times

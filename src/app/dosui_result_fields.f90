@@ -65,7 +65,7 @@ contains
     select case (name)
     case ('head')
       call head_of_particles(model, head)
-      values = reshape(head(1:n), [1, n])
+      values = reshape(head(1:n) + model%scene%head_at_origin(), [1, n])
     case ('darcy_velocity')
       call darcy_velocity(model, flux)
       values = vectors_in_space(n, flux)
@@ -122,12 +122,15 @@ contains
   end function vectors_in_space
 
   function points_in_space(model) result(points)
-    !! Positions of the owned particles as 3-D points [m].
+    !! Positions of the owned particles as 3-D points, in the scene's own coordinates [m].
     type(model_t), intent(in) :: model
     real(wp), allocatable :: points(:, :)
-    integer :: handle
+    integer :: handle, d
 
     handle = merge(model%p%position_at_build, model%p%position, model%finite)
     points = vectors_in_space(model%particles%count, model%particles%field(handle)%values)
+    do d = 1, ndim
+      points(axis(d), :) = points(axis(d), :) + model%scene%local_origin(d)
+    end do
   end function points_in_space
 end module dosui_result_fields

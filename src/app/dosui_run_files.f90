@@ -347,7 +347,7 @@ contains
     same_ranks = reader%same_ranks
     call reader%finish(model%comm, err)
     model%clock%time = clock(1)
-    model%clock%step = nint(clock(2))
+    model%clock%step = nint(clock(2), i8)
     model%clock%output = count(model%clock%output_time <= clock(1)*(1.0_wp + 1.0e-12_wp))
     self%next_history = clock(4)
     model%movement = clock(5)

@@ -61,7 +61,7 @@ contains
     end if
     affine = scene%mechanics%transfer == 'apic' .and. .not. model%rigid
     call model%materials%init(scene%material, err)
-    call model%sources%init(scene%source)
+    call model%sources%init(scene%source, scene%local_origin)
     model%nonlinear = model%unsaturated .or. &
                       (model%materials%is_nonlinear() .and. .not. model%rigid)
     call choose_integrator(scene, model%materials, model%spacing, model%choice)

@@ -20,6 +20,7 @@ module dosui_simulation
   use dosui_scene, only: scene_t
   use dosui_scene_checks, only: check_choice
   use dosui_semi_implicit, only: choose_semi_implicit_step, semi_implicit_t
+  use dosui_size_report, only: report_sizes
   use dosui_setup, only: describe_model, finish_setup, seed_model, setup_model
   use dosui_signals, only: signal_received, signals_watch
   use dosui_state_check, only: check_state, describe_particle, is_sound
@@ -35,9 +36,10 @@ module dosui_simulation
   integer, parameter, public :: status_finished = 0, status_failed = 1, status_bad_input = 2, &
                                 status_stopped = 3   !! exit statuses
   integer, parameter, public :: to_run = 1, to_check = 2, to_find_safety = 3   !! purposes
-  integer, parameter :: explicit_check_interval = 64  !! steps between looks at signals and NaN
+  integer(i8), parameter :: explicit_check_interval = 64_i8  !! steps between looks at signals and NaN
   integer, parameter :: equilibrium_passes = 20       !! of updated scenes
   real(wp), parameter :: noteworthy = 0.01_wp, untrusted = 0.1_wp   !! balance errors [-]
+  real(wp), parameter :: most_steps = 9.0e18_wp       !! that 64 bits count
   real(wp), parameter :: settled = 1.0e-12_wp         !! of the first displacements [-]
   real(wp), parameter :: pass_reduction = 1.0e-9_wp   !! of their residual [-]
 
@@ -75,6 +77,7 @@ contains
     call finish_setup(model, err)
     if (report(model, problems, err)) return
     call describe_model(model)
+    call report_sizes(model, purpose == to_check)
     status = status_finished
     if (purpose == to_check) then
       call say_step(model)
@@ -116,7 +119,8 @@ contains
     end if
     call model%log%info('time step    '//to_text(model%clock%dt)//' s, limited by '// &
                         trim(model%clock%limit%name)//'; about '// &
-                        to_text(nint(model%scene%time%end_time/model%clock%limit%dt, i8))//' steps')
+                        to_text(nint(min(model%scene%time%end_time/model%clock%limit%dt, &
+                                         most_steps), i8))//' steps')
   end subroutine say_step
 
   logical function report(model, problems, err) result(failed)
@@ -158,13 +162,13 @@ contains
     integer, intent(out) :: status
     type(error_t), intent(inout) :: err
     real(wp) :: started, last_line, last_checkpoint
-    integer :: first_step, check_interval
+    integer(i8) :: first_step, check_interval
     type(quasi_static_t) :: quasi_static
     type(semi_implicit_t) :: semi_implicit
     type(error_t) :: write_error
 
     status = status_failed
-    check_interval = merge(explicit_check_interval, 1, model%integrator == 'explicit')
+    check_interval = merge(explicit_check_interval, 1_i8, model%integrator == 'explicit')
     if (from_start .and. model%scene%time%geostatic_start .and. .not. model%rigid) then
       call geostatic_start(model, err)
       if (err%failed()) return
@@ -211,7 +215,7 @@ contains
         if (err%failed()) return
       end if
       if (model%clock%step >= model%scene%time%maximum_steps) exit
-      if (mod(model%clock%step, check_interval) == 0) then
+      if (mod(model%clock%step, check_interval) == 0_i8) then
         call progress(model, started, first_step, last_line)
         if (model%comm%any(signal_received())) then
           call files%write_checkpoint(model, err)
@@ -497,17 +501,17 @@ contains
     !! Writes a checkpoint every so many steps or minutes. Collective.
     type(model_t), intent(inout) :: model
     type(run_files_t), intent(inout) :: files
-    integer, intent(in) :: check_interval   !! steps between looks at the wall clock
+    integer(i8), intent(in) :: check_interval   !! steps between looks at the wall clock
     real(wp), intent(inout) :: last         !! wall clock of the last one [s]
     type(error_t), intent(inout) :: err
     logical :: due
 
     due = .false.
-    if (model%scene%output%checkpoint_steps > 0) then
-      due = mod(model%clock%step, model%scene%output%checkpoint_steps) == 0
+    if (model%scene%output%checkpoint_steps > 0_i8) then
+      due = mod(model%clock%step, model%scene%output%checkpoint_steps) == 0_i8
     end if
     if (model%scene%output%checkpoint_minutes > 0.0_wp .and. &
-        mod(model%clock%step, check_interval) == 0) then
+        mod(model%clock%step, check_interval) == 0_i8) then
       due = due .or. model%comm%any(wall_seconds() - last > &
                                     60.0_wp*model%scene%output%checkpoint_minutes)
     end if
@@ -520,7 +524,7 @@ contains
     !! A line now and then: step, time, dt and what limits it, rate, time to go.
     type(model_t), intent(inout) :: model
     real(wp), intent(in) :: started
-    integer, intent(in) :: first_step
+    integer(i8), intent(in) :: first_step
     real(wp), intent(inout) :: last_line
     real(wp) :: now, rate, to_go
 
@@ -569,7 +573,7 @@ contains
       call model%log%info('  '//model%timers%name(k) (1:20)//column(least)// &
                           column(mean)//column(most))
     end do
-    if (model%clock%step > 0 .and. total > 0.0_wp) then
+    if (model%clock%step > 0_i8 .and. total > 0.0_wp) then
       call model%log%info('particle-steps per second '// &
                           to_text(real(n, wp)*real(model%clock%step, wp)/total, 3)// &
                           ', rebuilds '//to_text(model%rebuilds))

@@ -9,6 +9,9 @@ module dosui_keys
   integer(i8), parameter :: offset = 2_i8**20     !! makes negative coordinates positive
   integer(i8), parameter :: base = 2_i8**21       !! coordinates per direction
 
+  integer, parameter, public :: largest_index = 2**20 - 8
+  !! of cells and bins that still have room for neighbours
+
 contains
 
   pure integer(i8) function pack_key(ijk) result(key)

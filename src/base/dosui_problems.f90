@@ -18,7 +18,8 @@ module dosui_problems
   type, public :: problems_t
     !! A growing list of problems.
     private
-    type(problem_t), allocatable :: item(:)
+    type(problem_t), allocatable :: item(:)    ! the first n, as they came
+    integer, allocatable :: order(:)           ! of them by lines
     integer :: n = 0
   contains
     procedure :: add => problems_add
@@ -38,28 +39,69 @@ contains
     character(len=*), intent(in) :: group, key, value, reason
     character(len=*), intent(in), optional :: nearest
     type(problem_t), allocatable :: more(:)
+    integer, allocatable :: longer(:)
     integer :: k, place
 
-    place = self%n + 1
-    do k = self%n, 1, -1
-      if (line == 0 .or. (self%item(k)%line <= line .and. self%item(k)%line > 0)) exit
-      place = k
+    if (.not. allocated(self%item)) allocate (self%item(8), self%order(8))
+    if (self%n == size(self%item)) then
+      allocate (more(2*self%n), longer(2*self%n))
+      do k = 1, self%n
+        call move_problem(self%item(k), more(k))
+      end do
+      longer(:self%n) = self%order
+      call move_alloc(more, self%item)
+      call move_alloc(longer, self%order)
+    end if
+    place = place_of(self, line)
+    do k = self%n, place, -1
+      self%order(k + 1) = self%order(k)
     end do
-    allocate (more(self%n + 1))
-    do k = 1, self%n
-      more(merge(k + 1, k, k >= place)) = self%item(k)
-    end do
-    more(place)%file = file
-    more(place)%line = line
-    more(place)%group = group
-    more(place)%key = key
-    more(place)%value = value
-    more(place)%reason = reason
-    more(place)%nearest = ''
-    if (present(nearest)) more(place)%nearest = nearest
-    call move_alloc(more, self%item)
     self%n = self%n + 1
+    self%order(place) = self%n
+    associate (item => self%item(self%n))
+      item%file = file
+      item%line = line
+      item%group = group
+      item%key = key
+      item%value = value
+      item%reason = reason
+      item%nearest = ''
+      if (present(nearest)) item%nearest = nearest
+    end associate
   end subroutine problems_add
+
+  pure integer function place_of(self, line) result(place)
+    !! Where a problem of a line stands: behind those of the same line; line 0 comes last.
+    type(problems_t), intent(in) :: self
+    integer, intent(in) :: line
+    integer :: low, high, middle, other
+
+    low = 1
+    high = self%n + 1
+    do while (low < high)
+      middle = low + (high - low)/2
+      other = self%item(self%order(middle))%line
+      if (line == 0 .or. (other > 0 .and. other <= line)) then
+        low = middle + 1
+      else
+        high = middle
+      end if
+    end do
+    place = low
+  end function place_of
+
+  pure subroutine move_problem(from, to)
+    !! Moves a problem without copying its texts.
+    type(problem_t), intent(inout) :: from, to
+
+    to%line = from%line
+    call move_alloc(from%file, to%file)
+    call move_alloc(from%group, to%group)
+    call move_alloc(from%key, to%key)
+    call move_alloc(from%value, to%value)
+    call move_alloc(from%reason, to%reason)
+    call move_alloc(from%nearest, to%nearest)
+  end subroutine move_problem
 
   pure integer function problems_count(self) result(n)
     !! Problems found so far.
@@ -73,7 +115,7 @@ contains
     class(problems_t), intent(in) :: self
     integer, intent(in) :: k
 
-    line = self%item(k)%line
+    line = self%item(self%order(k))%line
   end function problems_line
 
   pure function problems_text(self, k) result(text)
@@ -82,7 +124,7 @@ contains
     integer, intent(in) :: k
     character(len=:), allocatable :: text
 
-    associate (item => self%item(k))
+    associate (item => self%item(self%order(k)))
       text = item%file
       if (item%line > 0) text = text//':'//to_text(item%line)
       text = text//': '

@@ -62,6 +62,10 @@ contains
       text = text_of_special(x)
       return
     end if
+    if (.not. present(digits)) then
+      text = text_of_decimal(x)
+      if (len(text) > 0) return
+    end if
     most = all_digits
     if (present(digits)) most = max(1, min(all_digits, digits))
     ! rounding the largest numbers up could overflow on reading back
@@ -76,6 +80,42 @@ contains
     end do
     text = tidy(adjustl(buffer))
   end function text_of_real
+
+  pure function text_of_decimal(x) result(text)
+    !! The shortest text of a real that is a decimal of at most 15 digits, as numbers of scenes
+    !! are; '' for others. A quotient of two numbers that doubles hold exactly is the double
+    !! nearest to that decimal, which is what reading it gives.
+    real(wp), intent(in) :: x
+    character(len=:), allocatable :: text
+    integer, parameter :: exact_power = 22   ! of ten, in a double
+    real(wp), parameter :: most = 1.0e15_wp
+    character(len=15) :: buffer
+    character(len=:), allocatable :: sign_text
+    real(wp) :: scale, whole
+    integer(i8) :: number
+    integer :: power, first
+
+    text = ''
+    sign_text = ''
+    if (x < 0.0_wp) sign_text = '-'
+    scale = 1.0_wp
+    do power = 0, exact_power
+      if (.not. abs(x) < most/scale) return
+      whole = anint(abs(x)*scale)
+      if (.not. abs(whole/scale - abs(x)) > 0.0_wp) exit
+      scale = scale*10.0_wp
+    end do
+    if (power > exact_power .or. .not. whole < most .or. .not. whole > 0.0_wp) return
+    number = int(whole, i8)
+    first = len(buffer) + 1
+    do while (number > 0_i8)
+      first = first - 1
+      buffer(first:first) = achar(iachar('0') + int(mod(number, 10_i8)))
+      number = number/10_i8
+    end do
+    text = sign_text//assembled(without_trailing_zeros(buffer(first:)), &
+                                len(buffer) - first - power)
+  end function text_of_decimal
 
   pure function tidy(scientific) result(text)
     !! '1.2500E-003' becomes '1.25e-3', '2.5E-002' becomes '0.025'.
@@ -93,15 +133,23 @@ contains
       mantissa = mantissa(2:)
     end if
     mantissa = mantissa(1:1)//mantissa(3:)      ! digits only: d.ddd without the point
-    mantissa = without_trailing_zeros(mantissa)
-    if (exponent >= -2 .and. exponent <= 5) then
-      text = sign//fixed_point(mantissa, exponent)
-    else if (len(mantissa) == 1) then
-      text = sign//mantissa//'e'//text_of_integer(exponent)
-    else
-      text = sign//mantissa(1:1)//'.'//mantissa(2:)//'e'//text_of_integer(exponent)
-    end if
+    text = sign//assembled(without_trailing_zeros(mantissa), exponent)
   end function tidy
+
+  pure function assembled(digits, exponent) result(text)
+    !! The number d.ddd * 10**exponent, with an exponent if it would be long without.
+    character(len=*), intent(in) :: digits
+    integer, intent(in) :: exponent
+    character(len=:), allocatable :: text
+
+    if (exponent >= -2 .and. exponent <= 5) then
+      text = fixed_point(digits, exponent)
+    else if (len(digits) == 1) then
+      text = digits//'e'//text_of_integer(exponent)
+    else
+      text = digits(1:1)//'.'//digits(2:)//'e'//text_of_integer(exponent)
+    end if
+  end function assembled
 
   pure function fixed_point(digits, exponent) result(text)
     !! The number d.ddd * 10**exponent without an exponent.

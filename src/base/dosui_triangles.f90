@@ -40,6 +40,7 @@ module dosui_triangles
     real(wp), allocatable :: normal(:, :)      !! (3, n_triangle) outward [-]
     real(wp), allocatable :: area(:)           !! (n_triangle) [m2]
     real(wp) :: low(3) = 0.0_wp, high(3) = 0.0_wp   !! bounding box [m]
+    real(wp) :: origin(3) = 0.0_wp             !! where its coordinates count from [m]
     real(wp) :: volume = 0.0_wp                !! [m3]
     logical :: was_inside_out = .false.        !! before it was turned round
     type(buckets_t) :: columns                 !! along x
@@ -58,16 +59,18 @@ contains
 
   ! ---------------------------------------------------------------- from corners to a closed body
 
-  subroutine triangles_init(self, corners, solid, line, message)
+  subroutine triangles_init(self, corners, solid, line, message, origin)
     !! Joins single triangles to a closed surface, or says why they are none.
     class(triangles_t), intent(out) :: self
     real(wp), intent(in) :: corners(:, :, :)   !! (3, 3, n) coordinates, corners, triangles [m]
     integer, intent(in) :: solid(:)            !! (n) part of the file
     integer, intent(in) :: line(:)             !! (n) of the file where they begin; 0: no text
     character(len=:), allocatable, intent(out) :: message   !! '' if all is well
+    real(wp), intent(in), optional :: origin(3)   !! where corners count from, for messages [m]
     integer :: t
 
     message = ''
+    if (present(origin)) self%origin = origin
     self%n_triangle = size(corners, 3)
     if (self%n_triangle == 0) then
       message = 'holds no triangles'
@@ -274,7 +277,8 @@ contains
 
       from = start_of(edge)
       to = self%corner(modulo(edge, 3) + 1, triangle_of(edge))
-      text = 'from '//place_text(self%vertex(:, from))//' to '//place_text(self%vertex(:, to))
+      text = 'from '//place_text(self%vertex(:, from) + self%origin)//' to '// &
+             place_text(self%vertex(:, to) + self%origin)
     end function described
   end subroutine find_neighbours
 
@@ -293,7 +297,17 @@ contains
     real(wp), intent(in) :: place(3)
     character(len=:), allocatable :: text
 
-    text = '('//to_text(place(1), 6)//', '//to_text(place(2), 6)//', '//to_text(place(3), 6)//')'
+    text = '('//coordinate(place(1))//', '//coordinate(place(2))//', '//coordinate(place(3))//')'
+
+  contains
+
+    pure function coordinate(x) result(text)
+      !! To a millimetre where six digits are less.
+      real(wp), intent(in) :: x   !! [m]
+      character(len=:), allocatable :: text
+
+      text = to_text(x, max(6, 4 + int(log10(max(abs(x), 1.0_wp)))))
+    end function coordinate
   end function place_text
 
   pure real(wp) function signed_volume(self) result(volume)
@@ -527,7 +541,8 @@ contains
       middle = middle + self%area(t)*sum(self%points(t), dim=2)/3.0_wp
     end do
     text = to_text(area, 6)//' m2, normal '//place_text(tidy(normal/area, 1.0e-4_wp))// &
-           ', middle '//place_text(tidy(middle/area, 1.0e-6_wp*norm2(self%high - self%low)))
+           ', middle '//place_text(tidy(middle/area, 1.0e-6_wp*norm2(self%high - self%low)) + &
+                                   self%origin)
   end function triangles_describe_face
 
   elemental real(wp) function tidy(value, least)

@@ -69,7 +69,7 @@ contains
 
     do c = 1, size(conditions)
       is_uniform(c) = .not. allocated(conditions(c)%pattern%formula)
-      if (is_uniform(c)) steady(c) = conditions(c)%value*conditions(c)%pattern%factor%at(time)
+      if (is_uniform(c)) steady(c) = conditions(c)%uniform_value_at(time)
     end do
     do p = 1, size(self%condition)
       c = self%condition(p)
@@ -77,7 +77,7 @@ contains
       if (is_uniform(c)) then
         value = steady(c)
       else
-        value = conditions(c)%value*conditions(c)%pattern%at(time, position(:, p))
+        value = conditions(c)%value_at(time, position(:, p))
       end if
       select case (conditions(c)%kind)
       case ('pressure')

@@ -109,8 +109,7 @@ contains
                                                          hydraulic_conductivity))
       value = 0.0_wp
       if (condition%kind /= 'seepage_face') then
-        value = condition%value*condition%pattern%at(time, &
-                                                     field(model%s%position)%values(:, p))
+        value = condition%value_at(time, field(model%s%position)%values(:, p))
       end if
       if (condition%kind == 'reservoir' .and. value > elevation) then
         wants_head = .true.

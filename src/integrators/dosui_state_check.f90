@@ -99,7 +99,7 @@ contains
       call fault%set('a point of '//surface_name(model, p)//' has a '// &
                      said(model%surface%field(k)%name)//' that is not a finite number '// &
                      moment(model, within)//', at '// &
-                     place_of(model%surface%field(model%s%position)%values(:, p)))
+                     place_of(model, model%surface%field(model%s%position)%values(:, p)))
       return
     end do
     do p = 1, model%particles%count
@@ -167,7 +167,7 @@ contains
     place = merge(model%p%position_at_build, model%p%position, model%finite)
     text = 'particle '//to_text(model%particles%id(p))//' '//what//' '//moment(model, within)// &
            ', at '// &
-           place_of(model%particles%field(place)%values(:, p))//" of '"// &
+           place_of(model, model%particles%field(place)%values(:, p))//" of '"// &
            trim(model%scene%material(nint(model%particles%field(model%p%material)% &
                                           values(1, p)))%name)//"'"
   end function describe_particle
@@ -184,15 +184,16 @@ contains
     text = 'in step '//to_text(model%clock%step + more)//', t = '//to_text(model%clock%time)//' s'
   end function moment
 
-  function place_of(position) result(text)
-    !! Coordinates in brackets.
+  function place_of(model, position) result(text)
+    !! The scene's coordinates of a place, in brackets.
+    type(model_t), intent(in) :: model
     real(wp), intent(in) :: position(ndim)   !! [m]
     character(len=:), allocatable :: text
     integer :: d
 
     text = '('
     do d = 1, ndim
-      text = text//to_text(position(d), 6)
+      text = text//to_text(position(d) + model%scene%local_origin(d), 6)
       if (d < ndim) text = text//', '
     end do
     text = text//') m'

@@ -25,6 +25,7 @@ module dosui_surface_renewal
   real(wp), parameter :: kept = near + 0.25_wp           !! a facet keeps a point [edges]
   real(wp), parameter :: same_side = 0.3_wp              !! cosine between normals [-]
   integer(i8), parameter :: ids_of_step = 2_i8**36       !! more than particles times facets
+  integer(i8), parameter :: steps_of_ids = 2_i8**27 - 2_i8   !! until they repeat: within 63 bits
   real(wp), parameter :: askew(3) = [0.137_wp, 0.071_wp, 0.029_wp]   ! no lattice's direction
 
 contains
@@ -182,7 +183,7 @@ contains
     if (facets%normal(sector, f) < -askew(sector)) sector = sector + ndim
     sector = sector + 2*ndim*(facets%wall(f) + (size_of_walls(model) + 1)*region)
     call add_point(model%scene, region, &
-                   ids_of_step*int(model%clock%step + 1, i8) + 16_i8*model%particles%id(i) + &
+                   ids_of_step*(1_i8 + mod(model%clock%step, steps_of_ids)) + 16_i8*model%particles%id(i) + &
                    int(f - first_of(facets, f), i8), facets%place(:, f), facets%normal(:, f), &
                    facets%area(f), merge(surface, 0, facets%is_free(f)), -sector, &
                    model%surface, model%s)

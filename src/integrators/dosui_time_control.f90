@@ -1,7 +1,8 @@
 !! Time steps: named limits, the smallest of which decides, and soft landings on output times.
 module dosui_time_control
-  use dosui_kinds, only: wp
+  use dosui_kinds, only: wp, i8
   use dosui_scene, only: time_t
+  use dosui_sort, only: sort_permutation
   implicit none
   private
 
@@ -19,7 +20,7 @@ module dosui_time_control
     !! The clock of a run.
     real(wp) :: time = 0.0_wp               !! [s]
     real(wp) :: dt = 0.0_wp                 !! current step [s]
-    integer :: step = 0                     !! steps done
+    integer(i8) :: step = 0_i8              !! steps done
     integer :: output = 0                   !! outputs written
     real(wp), allocatable :: output_time(:) !! increasing, last one is the end [s]
     type(step_limit_t) :: limit             !! what decided the current step
@@ -40,37 +41,48 @@ contains
     class(time_control_t), intent(inout) :: self
     type(time_t), intent(in) :: options
     real(wp), allocatable :: times(:)
-    integer :: k, n
+    integer, allocatable :: order(:)
+    integer(i8) :: k, n, n_given
 
-    allocate (times(0))
-    if (allocated(options%output_times)) times = options%output_times
+    n = 0_i8
     if (options%output_interval > 0.0_wp) then
-      n = int(options%end_time/options%output_interval*(1.0_wp + landing_tolerance))
-      times = [times, (options%output_interval*real(k, wp), k=1, n)]
+      n = int(options%end_time/options%output_interval*(1.0_wp + landing_tolerance), i8)
     end if
-    times = [times, options%end_time]
-    self%output_time = sorted_distinct(times, landing_tolerance*options%end_time)
+    n_given = 0_i8
+    if (allocated(options%output_times)) n_given = size(options%output_times, kind=i8)
+    allocate (times(n_given + n + 1_i8))
+    if (n_given > 0_i8) times(:n_given) = options%output_times
+    do k = 1_i8, n
+      times(n_given + k) = options%output_interval*real(k, wp)
+    end do
+    times(n_given + n + 1_i8) = options%end_time
+    ! positive reals have the order of their bits
+    call sort_permutation(transfer(times, [0_i8]), order)
+    times = times(order)
+    self%output_time = distinct(times, landing_tolerance*options%end_time)
     self%time = 0.0_wp
-    self%step = 0
+    self%step = 0_i8
     self%output = 0
   end subroutine time_control_init
 
-  pure function sorted_distinct(values, tolerance) result(sorted)
-    !! Increasing values, those closer than the tolerance to the one before left out.
+  pure function distinct(values, tolerance) result(kept)
+    !! Increasing values without those closer than the tolerance to the one kept before.
     real(wp), intent(in) :: values(:)
     real(wp), intent(in) :: tolerance
-    real(wp), allocatable :: sorted(:)
-    real(wp) :: next, last
+    real(wp), allocatable :: kept(:)
+    logical, allocatable :: is_new(:)
+    real(wp) :: last
+    integer(i8) :: k
 
-    allocate (sorted(0))
+    allocate (is_new(size(values, kind=i8)), source=.false.)
     last = -huge(1.0_wp)
-    do
-      if (.not. any(values > last + tolerance)) exit
-      next = minval(values, mask=values > last + tolerance)
-      sorted = [sorted, next]
-      last = next
+    do k = 1_i8, size(values, kind=i8)
+      if (.not. values(k) > last + tolerance) cycle
+      is_new(k) = .true.
+      last = values(k)
     end do
-  end function sorted_distinct
+    kept = pack(values, is_new)
+  end function distinct
 
   pure subroutine time_control_choose_step(self, options, limits)
     !! Takes the smallest limit, then divides the way to the next output into equal steps: the way
@@ -127,7 +139,7 @@ contains
     class(time_control_t), intent(inout) :: self
     real(wp) :: target
 
-    self%step = self%step + 1
+    self%step = self%step + 1_i8
     target = self%output_time(self%output + 1)
     self%time = self%time + self%dt
     if (abs(target - self%time) < 1.0e-6_wp*self%dt) self%time = target

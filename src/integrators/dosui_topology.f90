@@ -16,9 +16,11 @@ module dosui_topology
   use dosui_partition, only: partition_bricks
   use dosui_point_set, only: cell_order, point_set_t
   use dosui_pore_water, only: compressibility_at
+  use dosui_seeding, only: grid_reach
   use dosui_shape_functions, only: shape_kind_of, shape_shift
   use dosui_sort, only: binary_search
   use dosui_surface_renewal, only: renew_surface
+  use dosui_text, only: to_text
   use dosui_water_step, only: set_surface_data
   implicit none
   private
@@ -44,6 +46,8 @@ contains
 
     anew = .true.
     if (present(as_built)) anew = .not. as_built
+    if (model%updated) call check_reach(model, err)
+    if (err%failed()) return
     if ((model%updated .or. model%finite) .and. anew) then
       call copy_field(model%particles, model%p%position, model%p%position_at_build)
       call copy_field(model%surface, model%s%position, model%s%position_at_build)
@@ -55,12 +59,40 @@ contains
     call inward_positions(model, inside)
     call send_home(model, model%surface, inside)
     if (model%finds_surface .and. anew) then
-      call renew_surface(model, changes=model%clock%step > 0)
+      call renew_surface(model, changes=model%clock%step > 0_i8)
       call inward_positions(model, inside)
       call send_home(model, model%surface, inside)
     end if
     call sort_points(model)
   end subroutine distribute
+
+  subroutine check_reach(model, err)
+    !! Stops before a particle is so far away that the numbers of cells end. Collective.
+    type(model_t), intent(in) :: model
+    type(error_t), intent(inout) :: err
+    character(len=:), allocatable :: text
+    real(wp) :: reach
+    integer :: p, d
+
+    reach = grid_reach(model%scene)
+    associate (position => model%particles%field(model%p%position)%values)
+      do p = 1, model%particles%count
+        if (all(abs(position(:, p)) <= reach .and. &
+                abs(position(:, p) - model%scene%grid_origin) <= reach)) cycle
+        text = 'particle '//to_text(model%particles%id(p))//' is beyond the grid''s reach of '// &
+               to_text(reach, 3)//' m in step '//to_text(model%clock%step)//', t = '// &
+               to_text(model%clock%time)//' s, at ('
+        do d = 1, ndim
+          text = text//to_text(position(d, p) + model%scene%local_origin(d))// &
+                 merge(') m', ',  ', d == ndim)
+        end do
+        call err%set(text//': give domain_min and domain_max in &grid, and leaving_particles = '// &
+                     '''remove'' in &scene to go on without')
+        exit
+      end do
+    end associate
+    call model%comm%agree(err)
+  end subroutine check_reach
 
   subroutine turn_surfaces(model)
     !! Normals and areas that surface points have now; walls keep theirs.

@@ -5,7 +5,7 @@ module dosui_directories
   implicit none
   private
 
-  public :: directory_problem, make_directory, absolute_path
+  public :: directory_problem, existing_folder, make_directory, absolute_path
 
   integer(c_int), parameter :: is_there = 0_c_int, may_write_and_enter = 3_c_int   !! of access(2)
   integer(c_int), parameter :: everybody = 511_c_int   !! mode 0777, cut by the umask
@@ -69,6 +69,20 @@ contains
       end if
     end if
   end function directory_problem
+
+  function existing_folder(path) result(folder)
+    !! A folder, or the parent that it can be made in.
+    character(len=*), intent(in) :: path
+    character(len=:), allocatable :: folder
+    integer :: slash
+
+    folder = path
+    if (has_access(path//'/.', is_there)) return
+    slash = index(without_last_slash(path), '/', back=.true.)
+    folder = '.'
+    if (slash == 1) folder = '/'
+    if (slash > 1) folder = path(:slash - 1)
+  end function existing_folder
 
   subroutine make_directory(path, err)
     !! Makes a folder; one that is there already is no error.

@@ -9,6 +9,7 @@ module dosui_namelist
   use dosui_error, only: error_t
   use dosui_fields, only: text_start
   use dosui_file_system, only: input_problem
+  use dosui_name_index, only: name_index_t
   use dosui_numbers, only: is_special, text_as_integer, text_as_real
   use dosui_problems, only: problems_t
   use dosui_text, only: lower_case, to_text
@@ -17,6 +18,8 @@ module dosui_namelist
 
   public :: read_bytes, read_text_file, decimal_comma
 
+  integer, parameter :: name_room = 64  !! of a quoted text, to begin with
+  integer, parameter :: few_keys = 32   !! of a group that is searched from end to end
   integer, parameter :: most_values = 10000000   !! of one key; more is surely a typing error
   integer, parameter :: largest_file = 256*1024*1024   !! of a scene, or beside it [byte]
   character(len=1), parameter :: tab = achar(9), newline = achar(10), return = achar(13)
@@ -33,6 +36,7 @@ module dosui_namelist
     procedure :: shown => value_shown
     procedure :: to_real => value_to_real
     procedure :: to_integer => value_to_integer
+    procedure :: to_long => value_to_long
     procedure :: to_logical => value_to_logical
     procedure :: to_name => value_to_name
   end type namelist_value_t
@@ -52,6 +56,7 @@ module dosui_namelist
     integer :: line = 0
     integer :: n_key = 0
     type(namelist_key_t), allocatable :: key(:)       !! the first n_key count
+    type(name_index_t), private :: names              !! of the keys, if there are many
   contains
     procedure :: find => group_find
   end type namelist_group_t
@@ -61,6 +66,7 @@ module dosui_namelist
     character(len=:), allocatable :: file             !! for messages
     integer :: n_group = 0
     type(namelist_group_t), allocatable :: group(:)   !! the first n_group count
+    type(name_index_t), private :: names              !! of the groups
   contains
     procedure :: scan => namelist_scan
     procedure :: count => namelist_count
@@ -165,12 +171,8 @@ contains
     !! How many groups have this name.
     class(namelist_t), intent(in) :: self
     character(len=*), intent(in) :: name
-    integer :: k
 
-    n = 0
-    do k = 1, self%n_group
-      if (self%group(k)%name == name) n = n + 1
-    end do
+    n = self%names%count(name)
   end function namelist_count
 
   pure integer function namelist_find(self, name, instance) result(slot)
@@ -178,18 +180,8 @@ contains
     class(namelist_t), intent(in) :: self
     character(len=*), intent(in) :: name
     integer, intent(in) :: instance   !! 1: the first of its name, 2: the second, ...
-    integer :: k, n
 
-    slot = 0
-    n = 0
-    do k = 1, self%n_group
-      if (self%group(k)%name /= name) cycle
-      n = n + 1
-      if (n == instance) then
-        slot = k
-        return
-      end if
-    end do
+    slot = self%names%find(name, instance)
   end function namelist_find
 
   pure integer function group_find(self, name) result(slot)
@@ -199,6 +191,10 @@ contains
     integer :: k
 
     slot = 0
+    if (self%n_key > few_keys) then
+      slot = self%names%find(name)
+      return
+    end if
     do k = 1, self%n_key
       if (self%key(k)%name == name) slot = k
     end do
@@ -283,6 +279,27 @@ contains
     reason = ''
     if (.not. self%is_quoted) reason = "must be text in quotes: '"//text//"'"
   end subroutine value_to_name
+
+  pure subroutine value_to_long(self, n, reason)
+    !! The value as an integer of 64 bits; the reason is '' if it is one.
+    class(namelist_value_t), intent(in) :: self
+    integer(i8), intent(inout) :: n
+    character(len=:), allocatable, intent(out) :: reason
+    integer(i8) :: long
+    integer :: first, status
+
+    reason = 'must be an integer'
+    if (self%is_quoted) return
+    first = 1
+    if (scan(self%text, '+-') == 1) first = 2
+    if (first > len(self%text) .or. verify(self%text(first:), '0123456789') /= 0) return
+    reason = 'is too large'
+    if (len(self%text) - first + 1 > 18) return
+    read (self%text, *, iostat=status) long
+    if (status /= 0) return
+    reason = ''
+    n = long
+  end subroutine value_to_long
 
   pure logical function is_logical(word)
     !! Is a word one of T, F, true, false, .true., .false., .t., .f. in any case?
@@ -372,7 +389,7 @@ contains
     character(len=1) :: c
 
     group%line = scanner%line
-    allocate (group%key(16))
+    allocate (group%key(4))
     call scanner%advance()
     group%name = lower_case(scanner%word())
     if (len(group%name) == 0) call scanner%complain(self%file, problems, group, 0, &
@@ -531,13 +548,17 @@ contains
     type(namelist_group_t), intent(in) :: group
     type(problems_t), intent(inout) :: problems
     character(len=:), allocatable, intent(out) :: contents
+    character(len=:), allocatable :: buffer
     character(len=1) :: quote
+    integer :: n
 
-    contents = ''
     quote = scanner%next()
     call scanner%advance()
+    buffer = repeat(' ', name_room)
+    n = 0
     do
       if (scanner%is_end() .or. scanner%next() == newline) then
+        contents = buffer(:n)
         call scanner%complain(file, problems, group, scanner%line, &
                               'text is not closed by '//quote//' on its line: '//quote// &
                               trim(contents))
@@ -545,9 +566,14 @@ contains
       end if
       if (scanner%next() == quote) then
         call scanner%advance()
-        if (scanner%next() /= quote) return
+        if (scanner%next() /= quote) then
+          contents = buffer(:n)
+          return
+        end if
       end if
-      contents = contents//scanner%next()
+      if (n == len(buffer)) buffer = buffer//repeat(' ', n)
+      n = n + 1
+      buffer(n:n) = scanner%next()
       call scanner%advance()
     end do
   end subroutine scan_quoted
@@ -701,34 +727,65 @@ contains
     if (group%n_key == size(group%key)) then
       allocate (more(2*group%n_key))
       do k = 1, group%n_key
-        more(k) = group%key(k)
+        call move_key(group%key(k), more(k))
       end do
       call move_alloc(more, group%key)
     end if
     group%n_key = group%n_key + 1
     slot = group%n_key
+    if (group%n_key == few_keys + 1) then
+      do k = 1, few_keys
+        call group%names%add(group%key(k)%name, k)
+      end do
+    end if
+    if (group%n_key > few_keys) call group%names%add(name, slot)
     group%key(slot)%name = name
     group%key(slot)%line = line
-    allocate (group%key(slot)%value(4))
+    allocate (group%key(slot)%value(1))
   end subroutine append_key
 
+  subroutine move_key(from, to)
+    !! Moves a key without copying its values.
+    type(namelist_key_t), intent(inout) :: from
+    type(namelist_key_t), intent(out) :: to
+
+    call move_alloc(from%name, to%name)
+    call move_alloc(from%value, to%value)
+    to%line = from%line
+    to%is_indexed = from%is_indexed
+    to%n_value = from%n_value
+  end subroutine move_key
+
   subroutine append_group(self, group)
-    !! Adds a complete group.
+    !! Adds a complete group, which is used up.
     type(namelist_t), intent(inout) :: self
-    type(namelist_group_t), intent(in) :: group
+    type(namelist_group_t), intent(inout) :: group
     type(namelist_group_t), allocatable :: more(:)
     integer :: k
 
     if (self%n_group == size(self%group)) then
       allocate (more(2*self%n_group))
       do k = 1, self%n_group
-        more(k) = self%group(k)
+        call move_group(self%group(k), more(k))
       end do
       call move_alloc(more, self%group)
     end if
     self%n_group = self%n_group + 1
-    self%group(self%n_group) = group
+    call self%names%add(group%name, self%n_group)
+    call move_group(group, self%group(self%n_group))
   end subroutine append_group
+
+  subroutine move_group(from, to)
+    !! Moves a group without copying its keys.
+    type(namelist_group_t), intent(inout) :: from
+    type(namelist_group_t), intent(out) :: to
+
+    call move_alloc(from%name, to%name)
+    call move_alloc(from%key, to%key)
+    to%line = from%line
+    to%n_key = from%n_key
+    if (from%n_key > few_keys) to%names = from%names
+  end subroutine move_group
 
   ! ---------------------------------------------------------------- characters
 

@@ -3,7 +3,7 @@
 !! Vectors hold the components of the scene's dimension: (z) in 1-D, (x, z) in 2-D, (x, y, z) in
 !! 3-D.
 module dosui_scene
-  use dosui_kinds, only: wp
+  use dosui_kinds, only: wp, i8
   use dosui_dimension, only: ndim, nsig, axis
   use dosui_expression, only: expression_t
   use dosui_problems, only: problems_t
@@ -186,6 +186,7 @@ module dosui_scene
     !! How a value varies: a table of time times a formula of place and time.
     type(table_t) :: factor                          !! unallocated: 1
     character(len=:), allocatable :: formula         !! of x, y, z [m] and t [s]; unallocated: 1
+    real(wp) :: origin(ndim) = 0.0_wp                !! where places count from, see scene_t [m]
     type(expression_t), private :: expression        !! of the formula
   contains
     procedure :: prepare => pattern_prepare
@@ -203,6 +204,7 @@ module dosui_scene
     !! plate: first component, total force into the body [N, per m thickness in 2-D, per m2 in 1-D]
     type(pattern_t) :: pattern                       !! multiplies value
     real(wp) :: water_weight = 0.0_wp                !! of a reservoir's water [N/m3]
+    real(wp) :: datum = 0.0_wp                       !! where levels of reservoirs count from [m]
     real(wp) :: impedance(2) = 0.0_wp
     !! of an absorbing surface to compression and shear waves [Pa s/m]
   contains
@@ -226,8 +228,11 @@ module dosui_scene
     !! head [m]; pressure [Pa]; outward Darcy flux [m/s]; level of a reservoir [m]; rain on a
     !! level plane [m/s]
     type(pattern_t) :: pattern                       !! multiplies value
+    real(wp) :: datum = 0.0_wp                       !! where heads and levels count from [m]
   contains
     procedure :: may_switch => hydraulic_condition_may_switch
+    procedure :: value_at => hydraulic_condition_value_at
+    procedure :: uniform_value_at => hydraulic_condition_uniform_value_at
   end type hydraulic_condition_t
 
   type, public :: text_t
@@ -257,7 +262,7 @@ module dosui_scene
     real(wp) :: courant = 0.5_wp                     !! fraction of the stability limit [-]
     real(wp) :: time_step = 0.0_wp                   !! fixed dt [s]; 0: chosen from the limits
     real(wp) :: largest_step = huge(1.0_wp)          !! [s]
-    integer :: maximum_steps = huge(1)
+    integer(i8) :: maximum_steps = huge(1_i8)
     real(wp) :: relative_tolerance = 1.0e-4_wp       !! of a quasi-static step's pressures [-]
     logical :: geostatic_start = .false.   !! settle at the given pressures before t = 0
     logical :: undrained_start = .false.   !! settle undrained under the first loads before t = 0
@@ -274,7 +279,7 @@ module dosui_scene
     !! stem of the files; default: name of the scene's folder or file
     character(len=:), allocatable :: directory       !! default: working directory
     real(wp) :: history_interval = 0.0_wp            !! [s]; 0: about 1000 entries over the run
-    integer :: checkpoint_steps = 0                  !! 0: off
+    integer(i8) :: checkpoint_steps = 0_i8           !! 0: off
     real(wp) :: checkpoint_minutes = 0.0_wp          !! 0: off
     logical :: checkpoint_at_outputs = .false.       !! one each, all of them kept
     real(wp) :: progress_seconds = 5.0_wp            !! wall time between progress lines [s]
@@ -310,6 +315,9 @@ module dosui_scene
     !! 'linear', 'gimp', 'bspline' or 'auto': see `shape_function_in_force`
     real(wp) :: domain_min(ndim) = -huge(1.0_wp)     !! particles outside have left [m]
     real(wp) :: domain_max(ndim) = huge(1.0_wp)
+    real(wp) :: local_origin(ndim) = 0.0_wp
+    !! what coordinates of scene and model count from: 0 unless the bodies are far away; places in
+    !! files, formulas and messages add it [m]
     type(time_t) :: time
     type(mechanics_t) :: mechanics
     type(water_t) :: water
@@ -330,6 +338,7 @@ module dosui_scene
     type(probe_t), allocatable :: probe(:)
     type(problems_t) :: warnings                     !! what is allowed, but hardly meant
   contains
+    procedure :: head_at_origin => scene_head_at_origin
     procedure :: is_wall => scene_is_wall
     procedure :: shape_function_in_force => scene_shape_function_in_force
     procedure :: mixture_density => scene_mixture_density
@@ -354,7 +363,9 @@ contains
     real(wp), intent(in) :: position(ndim)   !! [m]
 
     factor = self%factor%at(time)
-    if (allocated(self%formula)) factor = factor*self%expression%value([position, time])
+    if (allocated(self%formula)) then
+      factor = factor*self%expression%value([position + self%origin, time])
+    end if
   end function pattern_at
 
   pure function scene_shape_function_in_force(self) result(name)
@@ -365,6 +376,13 @@ contains
     name = self%shape_function
     if (name == 'auto') name = merge('gimp  ', 'linear', self%deformation == 'updated')
   end function scene_shape_function_in_force
+
+  pure real(wp) function scene_head_at_origin(self) result(head)
+    !! Head of water without pressure at the local origin: what heads of the model lack [m].
+    class(scene_t), intent(in) :: self
+
+    head = -self%water%density*dot_product(self%gravity, self%local_origin)/self%water%unit_weight
+  end function scene_head_at_origin
 
   pure real(wp) function scene_mixture_density(self, material) result(density)
     !! Grains and the water in all voids, per volume [kg/m3].
@@ -426,7 +444,7 @@ contains
 
     pressure = self%value(1)*self%pattern%at(time, position)
     if (self%kind == 'reservoir') then
-      pressure = self%water_weight*max(0.0_wp, pressure - position(ndim))
+      pressure = self%water_weight*max(0.0_wp, (pressure - self%datum) - position(ndim))
     end if
   end function mechanical_condition_pressure_at
 
@@ -437,6 +455,23 @@ contains
     switches = self%kind == 'reservoir' .or. self%kind == 'seepage_face' .or. &
                self%kind == 'rainfall'
   end function hydraulic_condition_may_switch
+
+  pure real(wp) function hydraulic_condition_value_at(self, time, position) result(value)
+    !! What it prescribes at a time and a place; heads and levels as the model counts them.
+    class(hydraulic_condition_t), intent(in) :: self
+    real(wp), intent(in) :: time             !! [s]
+    real(wp), intent(in) :: position(ndim)   !! [m]
+
+    value = self%value*self%pattern%at(time, position) - self%datum
+  end function hydraulic_condition_value_at
+
+  pure real(wp) function hydraulic_condition_uniform_value_at(self, time) result(value)
+    !! Likewise where no formula varies it in space.
+    class(hydraulic_condition_t), intent(in) :: self
+    real(wp), intent(in) :: time   !! [s]
+
+    value = self%value*self%pattern%factor%at(time) - self%datum
+  end function hydraulic_condition_uniform_value_at
 
   pure real(wp) function table_at(self, time) result(value)
     !! Value of the table at a time; 1 for an empty table, so that it can be a factor.
@@ -452,11 +487,28 @@ contains
     else if (time >= self%time(n)) then
       value = self%value(n)
     else
-      k = count(self%time <= time)
+      k = last_before(self%time, time)
       value = self%value(k) + (self%value(k + 1) - self%value(k))* &
               (time - self%time(k))/(self%time(k + 1) - self%time(k))
     end if
   end function table_at
+
+  pure integer function last_before(times, time) result(k)
+    !! The last of increasing times that is not after a time between the first and the last.
+    real(wp), intent(in) :: times(:), time   !! [s]
+    integer :: above, middle
+
+    k = 1
+    above = size(times)
+    do while (above - k > 1)
+      middle = k + (above - k)/2
+      if (times(middle) <= time) then
+        k = middle
+      else
+        above = middle
+      end if
+    end do
+  end function last_before
 
   pure real(wp) function table_integral(self, time) result(integral)
     !! Integral of the table from 0 to a time [unit s].

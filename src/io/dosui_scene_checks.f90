@@ -3,6 +3,7 @@ module dosui_scene_checks
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim, axis
   use dosui_expression, only: expression_t
+  use dosui_name_index, only: name_index_t
   use dosui_namelist, only: namelist_t
   use dosui_problems, only: problems_t
   use dosui_shapes, only: shape_contains
@@ -146,12 +147,14 @@ contains
     type(checker_t), intent(inout) :: checker
     character(len=*), intent(in) :: group
     character(len=*), intent(in) :: names(:)
+    type(name_index_t) :: index
     integer :: k, first, g
 
+    call index%add_all(names)
     do k = 2, size(names)
       if (names(k) == '') cycle
-      first = findloc(names(:k - 1) == names(k), .true., dim=1)
-      if (first == 0) cycle
+      first = index%find(names(k))
+      if (first == k) cycle
       g = checker%namelist%find(group, first)
       call checker%complain(group, k, 'name', 'the name is taken already (line '// &
                             to_text(checker%namelist%group(g)%line)//')')
@@ -187,10 +190,13 @@ contains
     character(len=*), intent(in) :: group, key
     character(len=*), intent(in) :: used(:), known(:)
     character(len=:), allocatable :: nearest
+    type(name_index_t) :: index
     integer :: k
 
+    call index%add_all(known)
     do k = 1, size(used)
-      if (used(k) == '' .or. any(known == used(k))) cycle
+      if (used(k) == '') cycle
+      if (index%find(used(k)) > 0) cycle
       nearest = nearest_name(trim(used(k)), known)
       if (len(nearest) > 0) nearest = "'"//nearest//"'"
       call checker%complain(group, k, key, 'unknown '//key, nearest)
@@ -525,15 +531,17 @@ contains
     type(scene_t), intent(in) :: scene
     character(len=name_length), allocatable :: faces(:)
     character(len=:), allocatable :: nearest
+    type(name_index_t) :: regions
     integer :: s, r
 
     nearest = ''
+    call regions%add_all(scene%region%name)
     do s = 1, size(scene%surface)
       associate (surface => scene%surface(s))
         if (.not. all(surface%box_min < surface%box_max)) then
           call checker%complain('surface', s, 'box_max', 'must be above box_min everywhere')
         end if
-        r = findloc(scene%region%name == surface%region, .true., dim=1)
+        r = regions%find(surface%region)
         if (r == 0 .or. surface%face == '') cycle
         if (surface%face == 'free') then
           call check_free_surface(checker, scene, s)
@@ -697,22 +705,22 @@ contains
     !! Two hydraulic conditions, or two walls, on one surface.
     type(checker_t), intent(inout) :: checker
     type(scene_t), intent(in) :: scene
+    type(name_index_t) :: wet, walls
     integer :: k, first
-    logical :: is_wall(size(scene%mechanical_condition))
 
     associate (condition => scene%hydraulic_condition)
-      do k = 2, size(condition)
+      do k = 1, size(condition)
         if (condition(k)%surface == '') cycle
-        first = findloc(condition(:k - 1)%surface == condition(k)%surface, .true., dim=1)
+        first = wet%find(condition(k)%surface)
+        if (first == 0) call wet%add(condition(k)%surface, k)
         if (first > 0) call complain_of_second(checker, 'hydraulic_condition', k, first)
       end do
     end associate
     associate (condition => scene%mechanical_condition)
-      is_wall = .not. condition%is_load()
-      do k = 2, size(condition)
-        if (condition(k)%surface == '' .or. .not. is_wall(k)) cycle
-        first = findloc(condition(:k - 1)%surface == condition(k)%surface .and. is_wall(:k - 1), &
-                        .true., dim=1)
+      do k = 1, size(condition)
+        if (condition(k)%surface == '' .or. condition(k)%is_load()) cycle
+        first = walls%find(condition(k)%surface)
+        if (first == 0) call walls%add(condition(k)%surface, k)
         if (first > 0) call complain_of_second(checker, 'mechanical_condition', k, first)
       end do
     end associate

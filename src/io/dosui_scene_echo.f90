@@ -1,6 +1,6 @@
 !! A scene as namelist text: every key with the value in force. Reading it gives the same scene.
 module dosui_scene_echo
-  use dosui_kinds, only: wp
+  use dosui_kinds, only: wp, i8
   use dosui_scene, only: scene_t, name_length
   use dosui_scene_keys, only: key_visitor_t, key_t, group_t, scene_groups, group_size, &
                               visit_group, real_text
@@ -21,6 +21,14 @@ module dosui_scene_echo
     character(len=:), allocatable :: statement   !! `key = value`, or a comment in place of it
   end type entry_t
 
+  type :: buffer_t
+    !! A text that grows without being copied each time.
+    character(len=:), allocatable :: text   !! the first n characters count
+    integer :: n = 0
+  contains
+    procedure :: add => buffer_add
+  end type buffer_t
+
   type, extends(key_visitor_t) :: writer_t
     !! Collects the entries of a group instance.
     type(entry_t), allocatable :: item(:)
@@ -28,6 +36,7 @@ module dosui_scene_echo
   contains
     procedure :: real => write_real
     procedure :: integer => write_integer
+    procedure :: long => write_long
     procedure :: logical => write_logical
     procedure :: name => write_name
     procedure :: text => write_text
@@ -43,23 +52,48 @@ contains
     type(scene_t), intent(in) :: scene
     character(len=:), allocatable, intent(out) :: text
     type(group_t), allocatable :: groups(:)
-    type(entry_t), allocatable :: entries(:)
+    type(writer_t) :: writer
+    type(scene_t) :: copy   ! visitors may change what they see; this one does not
+    type(buffer_t) :: buffer
     integer :: g, instance, k
 
-    text = '! the scene with every value in force'//newline
+    copy = scene
+    allocate (writer%item(64))
+    call buffer%add('! the scene with every value in force'//newline)
     groups = scene_groups()
     do g = 1, size(groups)
       if (.not. is_in_force(scene, groups(g)%name)) cycle
       do instance = 1, group_size(scene, groups(g)%name)
-        call group_entries(scene, groups(g)%name, instance, entries)
-        text = text//newline//'&'//groups(g)%name//newline
-        do k = 1, size(entries)
-          if (entries(k)%key%applies) text = text//'  '//entries(k)%statement//newline
+        writer%n = 0
+        call visit_group(writer, copy, groups(g)%name, instance)
+        call buffer%add(newline//'&'//groups(g)%name//newline)
+        do k = 1, writer%n
+          if (.not. writer%item(k)%key%applies) cycle
+          call buffer%add('  ')
+          call buffer%add(writer%item(k)%statement)
+          call buffer%add(newline)
         end do
-        text = text//'/'//newline
+        call buffer%add('/'//newline)
       end do
     end do
+    text = buffer%text(:buffer%n)
   end subroutine write_echo
+
+  pure subroutine buffer_add(self, text)
+    !! Appends a text.
+    class(buffer_t), intent(inout) :: self
+    character(len=*), intent(in) :: text
+    character(len=:), allocatable :: more
+
+    if (.not. allocated(self%text)) allocate (character(len=4096) :: self%text)
+    if (self%n + len(text) > len(self%text)) then
+      allocate (character(len=2*(self%n + len(text))) :: more)
+      more(:self%n) = self%text(:self%n)
+      call move_alloc(more, self%text)
+    end if
+    self%text(self%n + 1:self%n + len(text)) = text
+    self%n = self%n + len(text)
+  end subroutine buffer_add
 
   pure logical function is_in_force(scene, group)
     !! Does a group mean anything in this scene?
@@ -127,6 +161,18 @@ contains
       call append(self, key, to_text(value), '')
     end if
   end subroutine write_integer
+
+  subroutine write_long(self, value, key)
+    class(writer_t), intent(inout) :: self
+    integer(i8), intent(inout) :: value
+    type(key_t), intent(in) :: key
+
+    if (value == huge(value)) then
+      call append(self, key, '', 'unlimited')
+    else
+      call append(self, key, to_text(value), '')
+    end if
+  end subroutine write_long
 
   subroutine write_logical(self, value, key)
     class(writer_t), intent(inout) :: self
@@ -213,35 +259,41 @@ contains
     !! Numbers with commas between them, over several lines if there are many.
     real(wp), intent(in) :: values(:)
     character(len=:), allocatable :: text
-    character(len=:), allocatable :: number, line
-    integer :: k
+    character(len=:), allocatable :: number
+    type(buffer_t) :: buffer
+    integer :: k, first
 
-    text = ''
-    line = ''
+    call buffer%add('')
+    first = 0   ! what stands before the present line
     do k = 1, size(values)
       number = to_text(values(k))
       if (k < size(values)) number = number//','
-      if (len(line) + len(number) + 24 > line_width) then
-        text = text//line//newline//'   '
-        line = ''
+      if (buffer%n - first + len(number) + 24 > line_width) then
+        call buffer%add(newline//'   ')
+        first = buffer%n
       end if
-      if (k > 1) line = line//' '
-      line = line//number
+      if (k > 1) call buffer%add(' ')
+      call buffer%add(number)
     end do
-    text = text//line
+    text = buffer%text(:buffer%n)
   end function joined
 
   pure function quoted(text)
     !! A text in quotes, with quotes within it doubled.
     character(len=*), intent(in) :: text
     character(len=:), allocatable :: quoted
-    integer :: k
+    character(len=2*len(text) + 2) :: buffer
+    integer :: k, n
 
-    quoted = "'"
+    buffer(1:1) = "'"
+    n = 1
     do k = 1, len(text)
-      quoted = quoted//text(k:k)
-      if (text(k:k) == "'") quoted = quoted//"'"
+      n = n + 1
+      buffer(n:n) = text(k:k)
+      if (text(k:k) /= "'") cycle
+      n = n + 1
+      buffer(n:n) = "'"
     end do
-    quoted = quoted//"'"
+    quoted = buffer(:n)//"'"
   end function quoted
 end module dosui_scene_echo

@@ -5,7 +5,7 @@
 !! variable. Reading, echo, template and documentation are visitors, so they cannot disagree.
 !! Defaults are those of the types in dosui_scene.
 module dosui_scene_keys
-  use dosui_kinds, only: wp
+  use dosui_kinds, only: wp, i8
   use dosui_dimension, only: ndim, axis
   use dosui_scene, only: scene_t, region_t, material_t, water_t, mechanics_t, initial_state_t, &
                          surface_t, mechanical_condition_t, hydraulic_condition_t, probe_t, &
@@ -61,6 +61,7 @@ module dosui_scene_keys
   contains
     procedure(visit_real), deferred :: real
     procedure(visit_integer), deferred :: integer
+    procedure(visit_long), deferred :: long
     procedure(visit_logical), deferred :: logical
     procedure(visit_name), deferred :: name
     procedure(visit_text), deferred :: text
@@ -84,6 +85,14 @@ module dosui_scene_keys
       integer, intent(inout) :: value
       type(key_t), intent(in) :: key
     end subroutine visit_integer
+    subroutine visit_long(self, value, key)
+      !! An integer of 64 bits, of steps say.
+      import :: key_visitor_t, key_t, i8
+      implicit none
+      class(key_visitor_t), intent(inout) :: self
+      integer(i8), intent(inout) :: value
+      type(key_t), intent(in) :: key
+    end subroutine visit_long
     subroutine visit_logical(self, value, key)
       import :: key_visitor_t, key_t
       implicit none
@@ -139,6 +148,7 @@ module dosui_scene_keys
   contains
     procedure :: real => collect_real
     procedure :: integer => collect_integer
+    procedure :: long => collect_long
     procedure :: logical => collect_logical
     procedure :: name => collect_name
     procedure :: text => collect_text
@@ -418,9 +428,9 @@ contains
     call v%logical(time%undrained_start, &
                    key('undrained_start', 'settle into the undrained equilibrium under the '// &
                        'loads at t = 0 before the clock starts'))
-    call v%integer(time%maximum_steps, &
-                   key('maximum_steps', 'the run ends after so many steps', range='>= 1', &
-                       fallback=or_unlimited, restart=restart_free))
+    call v%long(time%maximum_steps, &
+                key('maximum_steps', 'the run ends after so many steps', range='>= 1', &
+                    fallback=or_unlimited, restart=restart_free))
     call v%real(time%relative_tolerance, &
                 key('relative_tolerance', 'quasi_static: error of the pressures that a step '// &
                     'may make, relative to their size', unit='-', range='> 0 and <= 0.1', &
@@ -1094,8 +1104,8 @@ contains
     call v%real(output%history_interval, &
                 key('history_interval', 'time between entries of the histories; 0: about 1000 '// &
                     'entries over the run', unit='s', range='>= 0'))
-    call v%integer(output%checkpoint_steps, &
-                   key('checkpoint_steps', 'steps between checkpoints; 0: none', range='>= 0'))
+    call v%long(output%checkpoint_steps, &
+                key('checkpoint_steps', 'steps between checkpoints; 0: none', range='>= 0'))
     call v%real(output%checkpoint_minutes, &
                 key('checkpoint_minutes', 'wall time between checkpoints; 0: none', unit='min', &
                     range='>= 0'))
@@ -1296,6 +1306,18 @@ contains
       call append(self, key, 'integer', to_text(value))
     end if
   end subroutine collect_integer
+
+  subroutine collect_long(self, value, key)
+    class(collector_t), intent(inout) :: self
+    integer(i8), intent(inout) :: value
+    type(key_t), intent(in) :: key
+
+    if (value == huge(value)) then
+      call append(self, key, 'integer', '')
+    else
+      call append(self, key, 'integer', to_text(value))
+    end if
+  end subroutine collect_long
 
   subroutine collect_logical(self, value, key)
     class(collector_t), intent(inout) :: self

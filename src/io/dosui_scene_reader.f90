@@ -1,13 +1,14 @@
 !! From namelist text to a scene. Everything that is wrong is collected, so that the user hears it
 !! all at once.
 module dosui_scene_reader
-  use dosui_kinds, only: wp
+  use dosui_kinds, only: wp, i8
   use dosui_dimension, only: ndim, axis
   use dosui_communicator, only: communicator_t
   use dosui_directories, only: absolute_path, directory_problem
   use dosui_error, only: error_t
   use dosui_fields, only: field_name, find_fields, line_limit, most_fields, next_line, &
                           shown_word, text_start
+  use dosui_local_origin, only: choose_local_origin, distance_from, move_to_origin, scene_bounds
   use dosui_namelist, only: namelist_t, namelist_group_t, read_bytes, read_text_file, &
                             decimal_comma
   use dosui_numbers, only: text_as_real
@@ -18,9 +19,10 @@ module dosui_scene_reader
   use dosui_scene_dimension, only: scene_dimension
   use dosui_scene_echo, only: write_echo
   use dosui_scene_warnings, only: find_warnings
+  use dosui_scene_limits, only: check_coordinates, check_reach, check_sizes
   use dosui_scene_keys, only: key_visitor_t, key_t, group_t, scene_groups, allocate_group, &
                               visit_group, collect_keys, in_range, n_choice, choice_of
-  use dosui_shapes, only: shape_contains, shape_measure, turned
+  use dosui_shapes, only: shape_contains, shape_measure, spatial, turned
   use dosui_stl_file, only: parse_stl
   use dosui_text, only: lower_case, nearest_name, to_text
   implicit none
@@ -35,11 +37,14 @@ module dosui_scene_reader
     character(len=:), allocatable :: file
     type(namelist_group_t) :: group
     logical, allocatable :: is_known(:)                     !! of the keys of the group
-    character(len=name_length), allocatable :: key_names(:) !! of all keys that could be given
+    character(len=name_length), allocatable :: key_names(:) !! of keys that could be given ...
+    integer :: n_key_name = 0                               !! ... the first so many
+    type(key_t), allocatable :: all_keys(:)                 !! of all groups, once they are needed
     type(problems_t) :: problems
   contains
     procedure :: real => read_real
     procedure :: integer => read_integer
+    procedure :: long => read_long
     procedure :: logical => read_logical
     procedure :: choice => read_choice
     procedure :: name => read_name
@@ -53,6 +58,13 @@ module dosui_scene_reader
     procedure :: one_real
     procedure :: one_text
   end type reader_t
+
+  type :: facets_t
+    !! The triangles of a file before they are a body.
+    real(wp), allocatable :: corners(:, :, :)      !! (3, 3, n) [m]
+    integer, allocatable :: solid(:), line(:)      !! (n)
+    character(len=:), allocatable :: message       !! what is wrong with it, '' if nothing
+  end type facets_t
 
 contains
 
@@ -69,6 +81,7 @@ contains
     character(len=*), intent(in), optional :: directory   !! replaces that of the scene
     character(len=:), allocatable :: text, reason, stem
     type(error_t) :: read_error
+    type(namelist_t) :: namelist
 
     if (comm%is_root()) call read_text_file(path, text, read_error)
     call comm%agree(read_error)
@@ -81,10 +94,11 @@ contains
     stem = ''
     if (comm%is_root()) stem = default_name(absolute_path(path))
     call comm%broadcast(stem)
-    call parse_scene(text, path, scene, problems, stem, directory)
+    call parse_groups(text, path, scene, problems, namelist, stem, directory)
     scene%base_motion%is_given = any(abs(scene%base_motion%acceleration) > 0.0_wp)
     if (allocated(scene%base_motion%file)) call read_motion(comm, path, scene, problems)
-    call read_bodies(comm, path, scene, problems)
+    if (problems%count() == 0) call check_coordinates(scene, namelist, problems)
+    call read_bodies(comm, path, scene, namelist, problems)
     call read_particles(comm, path, scene, problems)
     reason = ''
     if (comm%is_root() .and. allocated(scene%output%directory)) then
@@ -93,8 +107,10 @@ contains
     call comm%broadcast(reason)
     if (len(reason) > 0) call problems%add(path, 0, 'output', 'directory', &
                                            "'"//scene%output%directory//"'", reason)
+    if (problems%count() == 0) call check_sizes(comm, scene, namelist, problems)
+    if (problems%count() == 0) call check_reach(scene, namelist, problems)
     if (problems%count() > 0) call err%set(path//': '//to_text(problems%count())//' problem(s)')
-    if (.not. err%failed()) call find_warnings(scene)
+    if (.not. err%failed()) call find_warnings(scene, namelist)
   end subroutine read_scene
 
   subroutine read_motion(comm, path, scene, problems)
@@ -122,72 +138,110 @@ contains
     end associate
   end subroutine read_motion
 
-  subroutine read_bodies(comm, path, scene, problems)
-    !! Triangulated surfaces of regions from their files, in the scene's place. Collective.
+  subroutine read_bodies(comm, path, scene, namelist, problems)
+    !! Triangulated surfaces of regions from their files, in the scene's place. Then the place of
+    !! all bodies is known, and the scene moves to its local origin. Collective.
     type(communicator_t), intent(in) :: comm
     character(len=*), intent(in) :: path      !! of the scene
     type(scene_t), intent(inout) :: scene
+    type(namelist_t), intent(in) :: namelist
     type(problems_t), intent(inout) :: problems
-    character(len=:), allocatable :: text, message
-    type(namelist_t) :: namelist
-    type(problems_t) :: known   ! to whoever scanned the scene before
-    type(error_t) :: read_error
+    type(facets_t) :: facets(size(scene%region))
+    character(len=:), allocatable :: message
     integer :: r, g, k
 
-    if (ndim < 3 .or. .not. any(scene%region%shape == 'stl')) return
-    call namelist%scan(scene%text, path, known)
+    if (ndim < 3 .or. .not. any(scene%region%shape == 'stl')) then
+      if (problems%count() == 0) call settle_origin(scene, facets)
+      return
+    end if
     do r = 1, size(scene%region)
-      associate (region => scene%region(r))
-        if (region%shape /= 'stl' .or. .not. allocated(region%stl_file)) cycle
-        if (comm%is_root()) call read_bytes(beside(path, region%stl_file), text, read_error)
-        call comm%agree(read_error)
-        if (read_error%failed()) then
-          message = read_error%message
-          read_error = error_t()
-        else
-          call comm%broadcast(text)
-          call make_body(text, region, message)
-        end if
-        if (len(message) == 0) cycle
-        if (allocated(region%body)) deallocate (region%body)
-        g = namelist%find('region', r)
-        k = namelist%group(g)%find('stl_file')
-        call problems%add(path, namelist%group(g)%key(k)%line, 'region', 'stl_file', &
-                          namelist%group(g)%key(k)%shown(), message)
-      end associate
+      if (scene%region(r)%shape /= 'stl' .or. .not. allocated(scene%region(r)%stl_file)) cycle
+      call read_facets(comm, path, scene%region(r), facets(r))
+    end do
+    if (problems%count() == 0) call settle_origin(scene, facets)
+    do r = 1, size(scene%region)
+      if (.not. allocated(facets(r)%message)) cycle
+      message = facets(r)%message
+      if (len(message) == 0) call make_body(facets(r), scene%local_origin, scene%region(r), message)
+      if (len(message) == 0) cycle
+      if (allocated(scene%region(r)%body)) deallocate (scene%region(r)%body)
+      g = namelist%find('region', r)
+      k = namelist%group(g)%find('stl_file')
+      call problems%add(path, namelist%group(g)%key(k)%line, 'region', 'stl_file', &
+                        namelist%group(g)%key(k)%shown(), message)
     end do
     call check_body_faces(scene, namelist, problems)
   end subroutine read_bodies
 
-  subroutine make_body(text, region, message)
-    !! A region's body from the bytes of its file: scaled, turned and divided into faces.
-    character(len=*), intent(in) :: text
+  subroutine read_facets(comm, path, region, facets)
+    !! The triangles of a region's file, scaled and turned. Collective.
+    type(communicator_t), intent(in) :: comm
+    character(len=*), intent(in) :: path      !! of the scene
     type(region_t), intent(inout) :: region
-    character(len=:), allocatable, intent(out) :: message   !! '' if all is well
-    real(wp), allocatable :: corners(:, :, :)
-    integer, allocatable :: solid(:), line(:)
+    type(facets_t), intent(out) :: facets
+    character(len=:), allocatable :: text
+    type(error_t) :: read_error
     integer :: t, k
 
-    call parse_stl(text, corners, solid, line, region%solid, message)
+    if (comm%is_root()) call read_bytes(beside(path, region%stl_file), text, read_error)
+    call comm%agree(read_error)
+    if (read_error%failed()) then
+      facets%message = read_error%message
+      return
+    end if
+    call comm%broadcast(text)
+    call parse_stl(text, facets%corners, facets%solid, facets%line, region%solid, facets%message)
     do k = 1, size(region%solid)
-      if (len(message) > 0) exit
+      if (len(facets%message) > 0) exit
       if (region%solid(k) == 'all' .or. region%solid(k) == 'free' .or. &
           index(region%solid(k), 'face') == 1) then
-        message = "its solid '"//trim(region%solid(k))//"' has the name of a face: rename it"
+        facets%message = "its solid '"//trim(region%solid(k))// &
+                         "' has the name of a face: rename it"
       end if
     end do
-    if (len(message) > 0) return
-    corners = corners*region%stl_scale
-    if (abs(region%shape_angle) > 0.0_wp) then
-      do t = 1, size(line)
-        do k = 1, 3
-          corners(axis, k, t) = region%pivot + turned(corners(axis, k, t) - region%pivot, &
-                                                      region%shape_angle)
-        end do
+    if (len(facets%message) > 0) return
+    facets%corners = facets%corners*region%stl_scale
+    if (.not. abs(region%shape_angle) > 0.0_wp) return
+    do t = 1, size(facets%line)
+      do k = 1, 3
+        facets%corners(axis, k, t) = region%pivot + turned(facets%corners(axis, k, t) - &
+                                                           region%pivot, region%shape_angle)
       end do
-    end if
+    end do
+  end subroutine read_facets
+
+  subroutine settle_origin(scene, facets)
+    !! Chooses the local origin for the bodies that a scene holds and files bring, and moves there.
+    type(scene_t), intent(inout) :: scene
+    type(facets_t), intent(in) :: facets(:)   !! of the regions
+    real(wp) :: low(ndim), high(ndim)
+    integer :: r, d
+
+    call scene_bounds(scene, low, high)
+    do r = 1, size(facets)
+      if (.not. allocated(facets(r)%corners)) cycle
+      do d = 1, ndim
+        low(d) = min(low(d), minval(facets(r)%corners(axis(d), :, :)))
+        high(d) = max(high(d), maxval(facets(r)%corners(axis(d), :, :)))
+      end do
+    end do
+    call choose_local_origin(scene, low, high)
+    call move_to_origin(scene)
+  end subroutine settle_origin
+
+  subroutine make_body(facets, origin, region, message)
+    !! A region's body from its triangles, divided into faces.
+    type(facets_t), intent(inout) :: facets
+    real(wp), intent(in) :: origin(ndim)       !! of the scene [m]
+    type(region_t), intent(inout) :: region
+    character(len=:), allocatable, intent(out) :: message   !! '' if all is well
+    integer :: d
+
+    do d = 1, ndim
+      facets%corners(axis(d), :, :) = distance_from(origin(d), facets%corners(axis(d), :, :))
+    end do
     allocate (region%body)
-    call region%body%init(corners, solid, line, message)
+    call region%body%init(facets%corners, facets%solid, facets%line, message, spatial(origin))
     if (len(message) == 0) call region%body%split(region%stl_face_angle)
   end subroutine make_body
 
@@ -209,7 +263,7 @@ contains
     character(len=:), allocatable :: text, message
     integer, allocatable :: line(:)
     type(error_t) :: read_error
-    integer :: r
+    integer :: r, p
 
     do r = 1, size(scene%region)
       associate (region => scene%region(r))
@@ -224,6 +278,9 @@ contains
           call comm%broadcast(text)
           call parse_points(text, region%particle, region%particle_volume, line, message)
           if (len(message) == 0 .and. problems%count() == 0) then
+            do p = 1, size(line)
+              region%particle(:, p) = distance_from(scene%local_origin, region%particle(:, p))
+            end do
             call check_particles(region, line, message)
           end if
         end if
@@ -322,6 +379,17 @@ contains
     character(len=*), intent(in), optional :: stem        !! default name of the files
     character(len=*), intent(in), optional :: directory   !! replaces that of the scene
     type(namelist_t) :: namelist
+
+    call parse_groups(text, file, scene, problems, namelist, stem, directory)
+  end subroutine parse_scene
+
+  subroutine parse_groups(text, file, scene, problems, namelist, stem, directory)
+    !! As `parse_scene`; keeps what was scanned, with its lines.
+    character(len=*), intent(in) :: text, file
+    type(scene_t), intent(out) :: scene
+    type(problems_t), intent(inout) :: problems
+    type(namelist_t), intent(inout) :: namelist
+    character(len=*), intent(in), optional :: stem, directory
     type(group_t), allocatable :: groups(:)
     integer :: g
 
@@ -349,7 +417,7 @@ contains
     scene%shape_function = scene%shape_function_in_force()
     call check_scene(scene, namelist, problems)
     call write_echo(scene, scene%echo)
-  end subroutine parse_scene
+  end subroutine parse_groups
 
   subroutine check_groups(namelist, groups, problems)
     !! Unknown, repeated and missing groups.
@@ -410,20 +478,20 @@ contains
     type(scene_t), intent(inout) :: scene
     type(problems_t), intent(inout) :: problems
     type(reader_t) :: reader
-    integer :: instance, slot
+    integer :: instance, slot, n
 
     reader%file = namelist%file
     reader%problems = problems
-    do instance = 1, namelist%count(name)
+    allocate (reader%key_names(16))
+    n = namelist%count(name)
+    if (.not. is_repeatable(name)) n = min(n, 1)
+    do instance = 1, n
       slot = namelist%find(name, instance)
       reader%group = namelist%group(slot)
       reader%is_known = spread(.false., 1, reader%group%n_key)
-      if (allocated(reader%key_names)) deallocate (reader%key_names)
-      allocate (reader%key_names(0))
-      if (instance == 1 .or. is_repeatable(name)) then
-        call visit_group(reader, scene, name, instance)
-        call check_unknown_keys(reader)
-      end if
+      reader%n_key_name = 0
+      call visit_group(reader, scene, name, instance)
+      call check_unknown_keys(reader)
     end do
     problems = reader%problems
   end subroutine read_groups
@@ -444,20 +512,20 @@ contains
   subroutine check_unknown_keys(reader)
     !! Keys that no visit asked for.
     type(reader_t), intent(inout) :: reader
-    type(key_t), allocatable :: keys(:)
     integer :: k, j
 
     do k = 1, reader%group%n_key
       if (reader%is_known(k)) cycle
-      if (.not. allocated(keys)) call collect_keys(keys)
-      associate (name => reader%group%key(k)%name)
+      if (.not. allocated(reader%all_keys)) call collect_keys(reader%all_keys)
+      associate (name => reader%group%key(k)%name, keys => reader%all_keys)
         do j = 1, size(keys)
           if (keys(j)%name == name) exit
         end do
         if (j <= size(keys)) then
           call reader%complain(k, '', 'unknown key here; it belongs to &'//keys(j)%group)
         else
-          call reader%complain(k, '', 'unknown key', nearest_name(name, reader%key_names))
+          call reader%complain(k, '', 'unknown key', &
+                               nearest_name(name, reader%key_names(:reader%n_key_name)))
         end if
       end associate
     end do
@@ -488,10 +556,15 @@ contains
     class(reader_t), intent(inout) :: self
     type(key_t), intent(in) :: key
     integer, intent(out) :: slot
-    character(len=name_length) :: name
+    character(len=name_length), allocatable :: more(:)
 
-    name = key%name
-    self%key_names = [self%key_names, name]
+    if (self%n_key_name == size(self%key_names)) then
+      allocate (more(2*self%n_key_name))
+      more(:self%n_key_name) = self%key_names
+      call move_alloc(more, self%key_names)
+    end if
+    self%n_key_name = self%n_key_name + 1
+    self%key_names(self%n_key_name) = key%name
     slot = self%group%find(key%name)
     if (slot == 0) then
       if (key%is_required .and. key%applies .and. .not. key%is_undecided) then
@@ -625,15 +698,38 @@ contains
     class(reader_t), intent(inout) :: self
     integer, intent(inout) :: value
     type(key_t), intent(in) :: key
+    integer(i8) :: candidate
+
+    candidate = int(value, i8)
+    call read_whole(self, int(huge(value), i8), candidate, key)
+    value = int(candidate)
+  end subroutine read_integer
+
+  subroutine read_long(self, value, key)
+    class(reader_t), intent(inout) :: self
+    integer(i8), intent(inout) :: value
+    type(key_t), intent(in) :: key
+
+    call read_whole(self, huge(value), value, key)
+  end subroutine read_long
+
+  subroutine read_whole(self, largest, value, key)
+    !! An integer whose size is at most the largest.
+    class(reader_t), intent(inout) :: self
+    integer(i8), intent(in) :: largest
+    integer(i8), intent(inout) :: value
+    type(key_t), intent(in) :: key
     character(len=:), allocatable :: reason
-    integer :: slot, candidate
+    integer(i8) :: candidate
+    integer :: slot
 
     call self%open_key(key, slot)
     if (slot == 0) return
     if (.not. self%has_count(slot, 1)) return
     associate (given => self%group%key(slot)%value(1))
-      candidate = 0
-      call given%to_integer(candidate, reason)
+      candidate = 0_i8
+      call given%to_long(candidate, reason)
+      if (len(reason) == 0 .and. abs(candidate) > largest) reason = 'is too large'
       if (len(reason) == 0 .and. .not. in_range(real(candidate, wp), key%range)) then
         reason = 'must be '//key%range
       end if
@@ -643,7 +739,7 @@ contains
         call self%complain(slot, given%shown(), reason)
       end if
     end associate
-  end subroutine read_integer
+  end subroutine read_whole
 
   subroutine read_logical(self, value, key)
     class(reader_t), intent(inout) :: self

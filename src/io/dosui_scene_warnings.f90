@@ -4,7 +4,6 @@ module dosui_scene_warnings
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim
   use dosui_namelist, only: namelist_t
-  use dosui_problems, only: problems_t
   use dosui_region_contacts, only: region_contacts_t
   use dosui_scene, only: mechanical_condition_t, name_length, scene_t
   use dosui_scene_checks, only: checker_t
@@ -24,13 +23,13 @@ module dosui_scene_warnings
 
 contains
 
-  subroutine find_warnings(scene)
+  subroutine find_warnings(scene, namelist)
     !! Fills the warnings of a scene without problems, each with its line.
     type(scene_t), intent(inout) :: scene
+    type(namelist_t), intent(in) :: namelist   !! of its text
     type(checker_t) :: checker
-    type(problems_t) :: known   ! none: the text has been scanned before
 
-    call checker%namelist%scan(scene%text, scene%file, known)
+    checker%namelist = namelist
     call warn_of_methods(checker, scene)
     call warn_of_gravity(checker, scene)
     call warn_of_materials(checker, scene)
@@ -156,7 +155,7 @@ contains
       associate (gap => contacts%gap(g))
         call checker%complain('region', gap%second, 'name', 'lies '//to_text(gap%width, 4)// &
                               " m away from '"//trim(scene%region(gap%first)%name)//"' at "// &
-                              place(gap%place)//' [m]: within a grid spacing the skeletons '// &
+                              place(gap%place + scene%local_origin)//' [m]: within a grid spacing the skeletons '// &
                               'are joined, but no water passes')
       end associate
     end do

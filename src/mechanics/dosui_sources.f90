@@ -13,6 +13,7 @@ module dosui_sources
     logical :: has_force = .false., has_water = .false.
     type(expression_t) :: force(ndim)   !! body force beside gravity [N/m3]
     type(expression_t) :: water         !! water supplied per volume of soil [1/s]
+    real(wp) :: origin(ndim) = 0.0_wp   !! where positions count from [m]
   contains
     procedure :: init => sources_init
     procedure :: add_forces => sources_add_forces
@@ -21,13 +22,15 @@ module dosui_sources
 
 contains
 
-  subroutine sources_init(self, source)
+  subroutine sources_init(self, source, origin)
     !! Takes over formulas that have been checked.
     class(sources_t), intent(inout) :: self
     type(source_t), intent(in) :: source
+    real(wp), intent(in) :: origin(ndim)   !! where positions count from [m]
     character(len=:), allocatable :: message
     integer :: d
 
+    self%origin = origin
     do d = 1, ndim
       if (.not. allocated(source%force(axis(d))%text)) cycle
       call self%force(d)%parse(source%force(axis(d))%text, [axis_name(axis), 't'], message)
@@ -56,7 +59,7 @@ contains
                          patch(p:p), position(:, p:p), grid%n_patch, grid%patch_base, &
                          grid%patch_fold, group_count(grid%shape_kind), share, gradient)
       do d = 1, ndim
-        density(d) = self%force(d)%value([position(:, p), time])
+        density(d) = self%force(d)%value([position(:, p) + self%origin, time])
       end do
       do i = 1, size(grid%patch_node, 1)
         node = grid%patch_node(i, patch(p))
@@ -75,7 +78,7 @@ contains
     integer :: p
 
     do p = 1, n
-      rate(p) = rate(p) + self%water%value([position(:, p), time])
+      rate(p) = rate(p) + self%water%value([position(:, p) + self%origin, time])
     end do
   end subroutine sources_add_water
 end module dosui_sources

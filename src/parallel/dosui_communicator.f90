@@ -7,7 +7,8 @@ module dosui_communicator
                      MPI_LOGICAL, MPI_REAL8, MPI_SUM, MPI_MAX, MPI_MIN, MPI_LOR, MPI_LAND, &
                      MPI_Init, MPI_Initialized, MPI_Finalize, MPI_Finalized, MPI_Abort, &
                      MPI_Comm_rank, MPI_Comm_size, MPI_Barrier, MPI_Bcast, MPI_Gather, &
-                     MPI_Allgather, MPI_Allreduce, MPI_Exscan, MPI_Alltoall, MPI_Alltoallv
+                     MPI_Allgather, MPI_Allreduce, MPI_Exscan, MPI_Alltoall, MPI_Alltoallv, &
+                     MPI_Comm_split_type, MPI_Comm_free, MPI_COMM_TYPE_SHARED, MPI_INFO_NULL
   use dosui_kinds, only: wp, i8
   use dosui_error, only: error_t
   implicit none
@@ -23,6 +24,7 @@ module dosui_communicator
   contains
     procedure :: init => communicator_init
     procedure :: is_root => communicator_is_root
+    procedure :: ranks_on_node => communicator_ranks_on_node
     procedure :: barrier => communicator_barrier
     generic :: sum => sum_real, sum_integer, sum_long
     procedure :: sum_array => communicator_sum_array
@@ -92,6 +94,16 @@ contains
 
     is_root = self%rank == 0
   end function communicator_is_root
+
+  integer function communicator_ranks_on_node(self) result(n)
+    !! Ranks that share this rank's memory, itself included.
+    class(communicator_t), intent(in) :: self
+    type(MPI_Comm) :: node
+
+    call MPI_Comm_split_type(self%handle, MPI_COMM_TYPE_SHARED, self%rank, MPI_INFO_NULL, node)
+    call MPI_Comm_size(node, n)
+    call MPI_Comm_free(node)
+  end function communicator_ranks_on_node
 
   subroutine communicator_barrier(self)
     !! Waits for all ranks.

@@ -6,6 +6,7 @@ module dosui_seeding
   use dosui_kinds, only: wp, i8
   use dosui_dimension, only: ndim
   use dosui_communicator, only: communicator_t
+  use dosui_keys, only: largest_index
   use dosui_particle_fields, only: particle_handles_t
   use dosui_point_set, only: point_set_t
   use dosui_random, only: hash_uniform
@@ -14,15 +15,17 @@ module dosui_seeding
   implicit none
   private
 
-  public :: seed_regions, region_spacing, lattice_parity
+  public :: seed_regions, region_spacing, lattice_parity, grid_reach
 
   real(wp), parameter :: closest_to_face = 0.1_wp   !! for jittered particles, in spacings [-]
   real(wp), parameter :: round_off = 1.0e-9_wp      !! of a spacing [-]
-  real(wp), parameter :: most_sites = 5.0e8_wp      !! of a lattice, on each rank
+  real(wp), parameter, public :: most_sites = 5.0e8_wp   !! of a lattice, on each rank
+
+  real(wp), parameter :: most_points = 1.0e18_wp    !! along a side, that 64 bits count
 
   type :: lattice_t
     !! A regular lattice of n(1) x n(2) x n(3) points around a pivot.
-    integer :: n(ndim) = 0
+    integer(i8) :: n(ndim) = 0_i8
     real(wp) :: step(ndim) = 0.0_wp     !! [m]
     real(wp) :: first(ndim) = 0.0_wp    !! position of the first point before turning [m]
     real(wp) :: pivot(ndim) = 0.0_wp
@@ -44,6 +47,20 @@ contains
                                         real(size(region%particle, 2), wp))**(1.0_wp/real(ndim, wp))
   end function region_spacing
 
+  pure real(wp) function grid_reach(scene) result(reach)
+    !! How far from the local origin the numbers of cells and of neighbourhoods reach [m].
+    type(scene_t), intent(in) :: scene
+    integer :: r
+
+    reach = scene%grid_spacing
+    if (scene%water_mode /= 'none') then
+      do r = 1, size(scene%region)
+        reach = min(reach, scene%water%support_radius*region_spacing(scene, scene%region(r)))
+      end do
+    end if
+    reach = reach*real(largest_index, wp)
+  end function grid_reach
+
   pure function region_lattice(region, spacing) result(lattice)
     !! The lattice of a region. When it follows a box the spacing is stretched to fit whole numbers.
     type(region_t), intent(in) :: region
@@ -60,13 +77,13 @@ contains
     if (allocated(region%hole)) lattice%fills_shape = follows .and. size(region%hole) == 0
     if (follows) then
       extent = region%box_max - region%box_min
-      lattice%n = nint(extent/spacing)
-      lattice%step = extent/real(max(1, lattice%n), wp)
+      lattice%n = nint(min(extent/spacing, most_points), i8)
+      lattice%step = extent/real(max(1_i8, lattice%n), wp)
       lattice%first = region%box_min + 0.5_wp*lattice%step
     else
       call shape_bounds(region, region%shape_angle - region%lattice_angle, low, high)
       low = anint(low/spacing) - 0.5_wp   ! points lie half a spacing beside the pivot
-      lattice%n = ceiling(high/spacing - low) + 1
+      lattice%n = ceiling(min(high/spacing - low, most_points), i8) + 1_i8
       lattice%step = spacing
       lattice%first = region%pivot + low*spacing
     end if
@@ -83,7 +100,7 @@ contains
 
     lattice = region_lattice(region, region_spacing(scene, region))
     x = lattice%pivot + turned(position - lattice%pivot, -lattice%angle)
-    parity = modulo(sum(nint((x - lattice%first)/lattice%step)), 2)
+    parity = int(modulo(sum(nint((x - lattice%first)/lattice%step, i8)), 2_i8))
   end function lattice_parity
 
   subroutine seed_regions(comm, scene, particles, handles, problems)
@@ -108,7 +125,7 @@ contains
       lattice = region_lattice(scene%region(r), spacing)
       if (allocated(scene%region(r)%particle)) then
         call share_particles(comm, scene%region(r), position, id)
-      else if (any(lattice%n < 0) .or. .not. product(real(lattice%n, wp)) < &
+      else if (.not. product(real(lattice%n, wp)) < &
                most_sites*real(comm%size, wp)) then   ! or more than integers hold
         problems = problems//"&region '"//trim(scene%region(r)%name)//"' is too large for its "// &
                    'particle spacing: check its size, unit and the spacing'//new_line('a')
@@ -148,7 +165,7 @@ contains
     integer :: n
     real(wp) :: x(ndim)
 
-    total = product(int(lattice%n, i8))
+    total = product(lattice%n)
     first = total*comm%rank/comm%size + 1_i8
     last = total*(comm%rank + 1_i8)/comm%size
     allocate (position(ndim, max(0_i8, last - first + 1_i8)), id(max(0_i8, last - first + 1_i8)))
@@ -190,7 +207,7 @@ contains
 
     rest = number - 1_i8
     do d = ndim, 1, -1
-      position(d) = lattice%first(d) + lattice%step(d)*real(mod(rest, int(lattice%n(d), i8)), wp)
+      position(d) = lattice%first(d) + lattice%step(d)*real(mod(rest, lattice%n(d)), wp)
       rest = rest/lattice%n(d)
     end do
     position = lattice%pivot + turned(position - lattice%pivot, lattice%angle)

@@ -17,6 +17,7 @@ module dosui_simulation
   use dosui_semi_implicit, only: choose_semi_implicit_step, semi_implicit_t
   use dosui_setup, only: describe_model, finish_setup, seed_model, setup_model
   use dosui_signals, only: signal_received, signals_watch
+  use dosui_surface_sets, only: set_width, sets_meet, wall_set
   use dosui_text, only: to_text
   use dosui_topology, only: build_geometry, distribute, needs_rebuild, refresh_storage, &
                             refresh_weights
@@ -378,6 +379,7 @@ contains
     !! the springs of penalty walls.
     type(model_t), intent(inout) :: model
     type(error_t), intent(inout) :: err
+    real(wp) :: walls(set_width(size(model%scene%surface)))
     integer :: n_iteration, p
     logical :: stands
 
@@ -389,9 +391,11 @@ contains
     end if
     if (err%failed()) return
     model%particles%field(model%p%displacement)%values = 0.0_wp
+    walls = wall_set(model%scene)
     do p = 1, model%surface%count
-      if (.not. model%finite .and. &
-          model%scene%is_wall(nint(model%surface%field(model%s%surface)%values(1, p)))) cycle
+      associate (set => model%surface%field(model%s%surface)%values(:, p))
+        if (.not. model%finite .and. (set(1) < 0.0_wp .or. sets_meet(set, walls))) cycle
+      end associate
       model%surface%field(model%s%displacement)%values(:, p) = 0.0_wp
     end do
     call model%log%info('geostatic equilibrium after '//to_text(n_iteration)//' iterations')

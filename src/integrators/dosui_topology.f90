@@ -19,6 +19,7 @@ module dosui_topology
   use dosui_shape_functions, only: shape_kind_of, shape_shift
   use dosui_sort, only: binary_search
   use dosui_surface_renewal, only: renew_surface
+  use dosui_surface_sets, only: index_of, set_holds, set_width, sets_meet, wall_set
   use dosui_water_step, only: set_surface_data
   implicit none
   private
@@ -65,12 +66,14 @@ contains
   subroutine turn_surfaces(model)
     !! Normals and areas that surface points have now; walls keep theirs.
     type(model_t), intent(inout) :: model
-    real(wp) :: size_now
+    real(wp) :: size_now, walls(set_width(size(model%scene%surface)))
     integer :: p
 
+    walls = wall_set(model%scene)
     associate (field => model%surface%field, h => model%s)
       do p = 1, model%surface%count
-        if (model%scene%is_wall(nint(field(h%surface)%values(1, p)))) cycle
+        if (field(h%surface)%values(1, p) < 0.0_wp) cycle   ! a barrier
+        if (sets_meet(field(h%surface)%values(:, p), walls)) cycle
         size_now = norm2(field(h%outward_area)%values(:, p))
         if (.not. size_now > 0.0_wp) cycle
         field(h%area)%values(1, p) = size_now
@@ -546,10 +549,13 @@ contains
     !! penalty walls elsewhere.
     type(model_t), intent(inout) :: model
     integer, intent(in) :: handle   !! positions of the surface points
-    integer :: p, c, m
+    integer :: surface(size(model%scene%mechanical_condition)), p, c, m
     logical :: fitted
 
     m = model%surface%count
+    do c = 1, size(surface)
+      surface(c) = index_of(model%scene, model%scene%mechanical_condition(c)%surface)
+    end do
     if (allocated(model%on_nodes)) deallocate (model%on_nodes, model%by_force)
     allocate (model%on_nodes(size(model%scene%mechanical_condition), m), source=.false.)
     allocate (model%by_force(size(model%scene%mechanical_condition), m), source=.false.)
@@ -557,9 +563,7 @@ contains
       fitted = lies_on_nodes(model, handle, p)
       do c = 1, size(model%scene%mechanical_condition)
         associate (condition => model%scene%mechanical_condition(c))
-          if (model%scene%surface(nint(max(1.0_wp, &
-               model%surface%field(model%s%surface)%values(1, p))))%name /= condition%surface) cycle
-          if (nint(model%surface%field(model%s%surface)%values(1, p)) < 1) cycle
+          if (.not. set_holds(model%surface%field(model%s%surface)%values(:, p), surface(c))) cycle
           if (condition%is_load()) then
             model%by_force(c, p) = .true.
           else
@@ -577,7 +581,7 @@ contains
     type(model_t), intent(inout) :: model
     integer, intent(in) :: handle   !! positions that the geometry is built from
     integer, allocatable :: row_start(:), neighbour(:), point_start(:), point_neighbour(:)
-    integer, allocatable :: patch(:), surface(:)
+    integer, allocatable :: patch(:), barrier(:)
     logical, allocatable :: has_head(:)
     real(wp) :: radius
     integer :: n, n_local, m, m_local, surface_handle
@@ -603,17 +607,18 @@ contains
                             skip_self=.true.)
       call build_neighbours(n, x(:, 1:n), m_local, xs(:, 1:m_local), radius, point_start, &
                             point_neighbour, skip_self=.false.)
-      surface = nint(field(model%s%surface)%values(1, 1:m_local))
       if (allocated(model%barrier)) then
+        barrier = nint(max(-field(model%s%surface)%values(1, 1:m_local), 0.0_wp))
         call cut_neighbours(model%barrier, x(:, 1:n), x(:, 1:n_local), row_start, neighbour)
-        call cut_points(model%barrier, max(-surface, 0), x(:, 1:n), xs(:, 1:m_local), &
+        call cut_points(model%barrier, barrier, x(:, 1:n), xs(:, 1:m_local), &
                         field(model%s%normal)%values(:, 1:m_local), point_start, point_neighbour)
       end if
       patch = nint(field(model%s%patch)%values(1, 1:m_local))
       allocate (has_head(m_local), source=.false.)
       if (model%switching) has_head = field(model%s%has_head)%values(1, 1:m_local) > 0.5_wp
       call model%hydraulic_conditions%init(model%scene%hydraulic_condition, &
-                                           model%condition_surface, m_local, surface, has_head)
+                                           model%condition_surface, m_local, &
+                                           field(model%s%surface)%values(:, 1:m_local), has_head)
       call set_surface_data(model, model%clock%time)
       if (model%scene%water%operator == 'two_pass') then
         call model%two_pass%build(n, x(:, 1:n_local), &

@@ -18,6 +18,8 @@ module dosui_surface_forces
   implicit none
   private
 
+  public :: load_traction
+
   real(wp), parameter :: light_node = 0.1_wp       !! least m / (a rho h) of a loaded node [-]
   integer, parameter :: parts_per_direction = 4    !! of a point's surface
   real(wp), parameter :: inward = 1.0e-3_wp        !! parts lie in the cell inside [h]
@@ -264,10 +266,8 @@ contains
     real(wp) :: wall_displacement, wall_velocity
 
     select case (condition%kind)
-    case ('traction')
-      traction = condition%value*condition%pattern%at(time, position)
-    case ('pressure', 'reservoir')
-      traction = -condition%pressure_at(time, position)*normal
+    case ('traction', 'pressure', 'reservoir')
+      traction = load_traction(condition, time, position, normal)
     case ('absorbing')
       traction = -condition%impedance(2)*velocity - &
                  (condition%impedance(1) - condition%impedance(2))*dot_product(velocity, normal)* &
@@ -292,6 +292,21 @@ contains
                   damping*(wall_velocity - dot_product(velocity, normal)))*normal
     end select
   end function point_traction
+
+  pure function load_traction(condition, time, position, normal) result(traction)
+    !! Traction that a given load puts on the body at a surface point [Pa].
+    type(mechanical_condition_t), intent(in) :: condition   !! traction, pressure or reservoir
+    real(wp), intent(in) :: time             !! [s]
+    real(wp), intent(in) :: position(ndim)   !! of the point [m]
+    real(wp), intent(in) :: normal(ndim)     !! outward [-]
+    real(wp) :: traction(ndim)
+
+    if (condition%kind == 'traction') then
+      traction = condition%value*condition%pattern%at(time, position)
+    else
+      traction = -condition%pressure_at(time, position)*normal
+    end if
+  end function load_traction
 
   subroutine solve_plates(self, comm, conditions, time, area, normal, displacement, &
                           plate_displacement)

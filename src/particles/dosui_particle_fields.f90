@@ -2,6 +2,7 @@
 module dosui_particle_fields
   use dosui_dimension, only: ndim, nsig
   use dosui_point_set, only: point_set_t
+  use dosui_surface_sets, only: set_width
   implicit none
   private
 
@@ -35,8 +36,8 @@ module dosui_particle_fields
     integer :: position_at_build = 0  !! if bodies deform [m]
     integer :: normal = 0             !! outward unit normal [-]
     integer :: area = 0               !! of the piece [m2, m in 2-D, 1 in 1-D]
-    integer :: surface = 0            !! index into the scene's surfaces, 0: unnamed
-    integer :: patch = 0              !! distinct for each region face and surface
+    integer :: surface = 0            !! set of the scene's surfaces (dosui_surface_sets), 0: none
+    integer :: patch = 0              !! distinct for each region face and what acts on it
     integer :: outward_area = 0       !! area times normal as they are now, updated mode [m2]
     integer :: displacement = 0       !! [m]
     integer :: velocity = 0           !! [m/s]
@@ -58,6 +59,7 @@ module dosui_particle_fields
     logical :: unsaturated = .false.   !! suction empties pores
     logical :: finds_surface = .false. !! free surfaces are found as bodies move
     integer :: n_state = 0             !! state variables of the materials
+    integer :: n_surface = 0           !! surfaces that the scene names
   end type field_needs_t
 
 contains
@@ -109,7 +111,7 @@ contains
     handles%position = set%add('position', 'm', ndim, yes, yes, no, yes)
     handles%normal = set%add('normal', '-', ndim, yes, yes, no, yes)
     handles%area = set%add('area', 'm2', 1, yes, yes, no, yes)
-    handles%surface = set%add('surface', '-', 1, yes, yes, no, yes)
+    handles%surface = set%add('surfaces', '-', set_width(needs%n_surface), yes, yes, no, yes)
     handles%patch = set%add('patch', '-', 1, yes, yes, no, yes)
     handles%displacement = set%add('displacement', 'm', ndim, yes, no, no, yes)
     handles%velocity = set%add('velocity', 'm/s', ndim, yes, no, no, yes)

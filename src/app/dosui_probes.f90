@@ -7,6 +7,7 @@ module dosui_probes
   use dosui_head_operator, only: kind_head
   use dosui_history, only: history_t
   use dosui_index_map, only: index_map_t
+  use dosui_least_squares, only: eliminate
   use dosui_model, only: model_t
   use dosui_neighbours, only: build_neighbours
   use dosui_point_set, only: point_set_t
@@ -303,30 +304,4 @@ contains
     call eliminate(matrix, right, regular)
     if (regular) value = right(1)
   end function fitted_value
-
-  pure subroutine eliminate(matrix, right, regular)
-    !! Solves a small symmetric positive definite system by elimination.
-    real(wp), intent(inout) :: matrix(:, :), right(:)
-    logical, intent(out) :: regular
-    real(wp) :: factor, largest
-    integer :: i, j, m
-
-    m = size(right)
-    largest = matrix(1, 1)
-    regular = .true.
-    do i = 1, m
-      if (.not. matrix(i, i) > 1.0e-6_wp*largest) then
-        regular = .false.
-        return
-      end if
-      do j = i + 1, m
-        factor = matrix(j, i)/matrix(i, i)
-        matrix(j, :) = matrix(j, :) - factor*matrix(i, :)
-        right(j) = right(j) - factor*right(i)
-      end do
-    end do
-    do i = m, 1, -1
-      right(i) = (right(i) - dot_product(matrix(i, i + 1:), right(i + 1:)))/matrix(i, i)
-    end do
-  end subroutine eliminate
 end module dosui_probes

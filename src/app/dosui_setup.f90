@@ -71,7 +71,8 @@ contains
                           finite=model%finite, adaptive=model%integrator == 'quasi_static', &
                           switching=model%switching, unsaturated=model%unsaturated, &
                           finds_surface=model%finds_surface, n_state=model%materials%n_state(), &
-                          n_surface=size(scene%surface))
+                          n_surface=size(scene%surface), &
+                          triangulated=any(scene%region%shape == 'stl'))
     call register_particle_fields(model%particles, model%p, needs)
     call register_surface_fields(model%surface, model%s, needs)
     call add_timers(model)

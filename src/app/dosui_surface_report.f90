@@ -2,9 +2,11 @@
 module dosui_surface_report
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim
+  use dosui_face_pieces, only: is_faceted
   use dosui_model, only: model_t
   use dosui_probes, only: points_in_reach
   use dosui_scene, only: hydraulic_condition_t, mechanical_condition_t, pattern_t
+  use dosui_seeding, only: region_spacing
   use dosui_surface_forces, only: load_traction
   use dosui_surface_sets, only: index_of, set_holds
   use dosui_text, only: to_text, vector_text
@@ -86,8 +88,27 @@ contains
       call model%log%info('wall         '//trim(condition%surface)//': '//trim(condition%kind)// &
                           ' on '//trim(merge('grid nodes   ', 'penalty walls', forced == 0))// &
                           ' ('//to_text(fitted + forced)//' points)'//force)
+      if (forced > 0 .and. condition%kind /= 'fixed' .and. condition%kind /= 'velocity') &
+        call warn_of_facets(model, condition%surface)
     end associate
   end subroutine list_wall
+
+  subroutine warn_of_facets(model, surface)
+    !! Facets that lean against the surface they stand for hold its tangential motion, too.
+    type(model_t), intent(inout) :: model
+    character(len=*), intent(in) :: surface
+    integer :: r
+
+    associate (named => model%scene%surface(index_of(model%scene, surface)))
+      r = findloc(model%scene%region%name == named%region, .true., dim=1)
+      associate (region => model%scene%region(r))
+        if (.not. is_faceted(region, trim(named%face), region_spacing(model%scene, region))) return
+      end associate
+      call model%log%warning("&mechanical_condition: surface '"//trim(surface)//"' is curved, but "// &
+                             'its facets are larger than cells: the wall holds facet by facet, '// &
+                             'also along the surface; take a finer &region stl_file')
+    end associate
+  end subroutine warn_of_facets
 
   subroutine list_load(model, c)
     !! The total force of a load, when it is largest.

@@ -385,7 +385,7 @@ contains
     !! Conditions on nodes, tractions and walls.
     type(model_t), intent(inout) :: model
     integer, intent(in) :: handle   !! positions that the geometry is built from
-    real(wp), allocatable :: nodal(:, :)
+    real(wp), allocatable :: nodal(:, :), held(:, :)
     integer, allocatable :: patch(:), cell(:), host(:)
     integer :: n, m, n_lost, surface_handle
 
@@ -416,24 +416,17 @@ contains
       if (model%quadrature%exact .and. .not. model%quadrature%fitted) then
         host = model%quadrature%host
       end if
+      if (h%held > 0) held = field(h%held)%values(:, 1:m)
       call model%surface_forces%init(model%comm, model%grid, m, model%surface_cell, &
                                      field(surface_handle)%values(:, 1:m), &
                                      field(h%normal)%values(:, 1:m), &
                                      field(h%area)%values(1, 1:m), nodal(1, :), model%density, &
-                                     wall_modulus(model), model%scene%mechanics%penalty, &
-                                     model%by_force, host)
+                                     model%skeleton_modulus, model%scene%mechanics%penalty, &
+                                     model%by_force, host, held)
     end associate
     model%lifted = model%centred .and. &
                    model%comm%any(model%surface_forces%has_lifts(model%scene%mechanical_condition))
   end subroutine build_conditions
-
-  pure real(wp) function wall_modulus(model) result(modulus)
-    !! The modulus that penalty walls resist: the stiffest one that steps see [Pa].
-    type(model_t), intent(in) :: model
-
-    modulus = model%stiffest
-    if (model%integrator == 'semi_implicit') modulus = model%skeleton_modulus
-  end function wall_modulus
 
   subroutine build_quadrature(model, handle, surface_handle, cell)
     !! Measures and gradients of cells. In small-strain scenes particles and surface points of

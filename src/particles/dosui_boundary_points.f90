@@ -92,6 +92,9 @@ contains
       touched(here) = .true.
       call add_point(scene, r, id + k, x, normal, area, here, first_patch + owner_of(rank, here), &
                      points, handles)
+      if (allocated(face%piece_held) .and. handles%held > 0) then
+        points%field(handles%held)%values(:, points%count) = face%piece_held(:, k)
+      end if
       if (is_free .and. handles%free > 0) then
         points%field(handles%free)%values(1, points%count) = real(free, wp)
       end if
@@ -137,6 +140,7 @@ contains
       field(handles%position)%values(:, i) = position
       field(handles%normal)%values(:, i) = normal
       field(handles%area)%values(1, i) = area
+      if (handles%held > 0) field(handles%held)%values(:, i) = normal
       field(handles%surface)%values(:, i) = 0.0_wp
       do k = 1, size(surfaces)
         if (surfaces(k) < 0) field(handles%surface)%values(1, i) = real(surfaces(k), wp)

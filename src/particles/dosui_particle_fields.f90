@@ -45,6 +45,7 @@ module dosui_particle_fields
     integer :: reference_area = 0     !! outward area before any deformation, finite strains [m2]
     integer :: has_head = 0           !! 1 where a point that may switch has a head now [-]
     integer :: material = 0           !! of the region, in scenes with suction [-]
+    integer :: held = 0               !! normal that walls hold, of triangulated bodies [-]
     integer :: free = 0               !! the free surface it is or may become part of, 0: none
   end type surface_handles_t
 
@@ -60,6 +61,7 @@ module dosui_particle_fields
     logical :: finds_surface = .false. !! free surfaces are found as bodies move
     integer :: n_state = 0             !! state variables of the materials
     integer :: n_surface = 0           !! surfaces that the scene names
+    logical :: triangulated = .false.  !! facets stand for smooth surfaces
   end type field_needs_t
 
 contains
@@ -120,6 +122,7 @@ contains
     if (needs%updated) handles%outward_area = set%add('outward_area', 'm2', ndim, yes, no, no, yes)
     if (needs%switching) handles%has_head = set%add('has_head', '-', 1, yes, yes, no, yes)
     if (needs%unsaturated) handles%material = set%add('material', '-', 1, yes, yes, no, yes)
+    if (needs%triangulated) handles%held = set%add('held', '-', ndim, yes, no, no, yes)
     if (needs%finds_surface) handles%free = set%add('free', '-', 1, yes, no, no, yes)
     if (.not. needs%finite) return
     handles%deformation = set%add('deformation', '-', ndim*ndim, yes, no, no, yes)

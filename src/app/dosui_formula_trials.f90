@@ -11,6 +11,7 @@ module dosui_formula_trials
   use dosui_namelist, only: namelist_t
   use dosui_problems, only: problems_t
   use dosui_scene, only: axis_name, pattern_t
+  use dosui_surface_sets, only: index_of, set_holds
   use dosui_text, only: to_text
   implicit none
   private
@@ -74,10 +75,10 @@ contains
     real(wp), allocatable :: position(:, :)
     integer :: s, p
 
-    s = findloc(model%scene%surface%name == surface, .true., dim=1)
+    s = index_of(model%scene, surface)
     associate (field => model%surface%field, h => model%s, n => model%surface%count)
       position = field(h%position)%values(:, pack([(p, p=1, n)], &
-                                                  nint(field(h%surface)%values(1, 1:n)) == s))
+                                       [(set_holds(field(h%surface)%values(:, p), s), p=1, n)]))
     end associate
   end function points_of
 

@@ -1,20 +1,31 @@
 !! Histories that a scene asks for: values at a point, surface means, settlements, domain sums.
 module dosui_probes
-  use dosui_kinds, only: wp
-  use dosui_dimension, only: ndim
+  use dosui_kinds, only: wp, i8
+  use dosui_dimension, only: ndim, axis
   use dosui_error, only: error_t
+  use dosui_ghosts, only: find_ghosts
+  use dosui_head_operator, only: kind_head
   use dosui_history, only: history_t
+  use dosui_index_map, only: index_map_t
+  use dosui_least_squares, only: eliminate
   use dosui_model, only: model_t
+  use dosui_neighbours, only: build_neighbours
+  use dosui_point_set, only: point_set_t
   use dosui_result_fields, only: field_values, field_width
   use dosui_result_file, only: result_field_t
   use dosui_scene, only: probe_t
+  use dosui_seeding, only: region_spacing
+  use dosui_surface_sets, only: index_of, set_holds
   use dosui_text, only: to_text
+  use dosui_water_step, only: set_surface_data, surface_elevation
   implicit none
   private
 
-  public :: check_probes, add_probe_columns, probe_value
+  public :: check_probes, add_probe_columns, probe_value, points_in_reach
 
   real(wp), parameter :: fit_radius = 2.4_wp   !! of a point probe's fit, in particle spacings [-]
+  integer, parameter :: n_fit = ndim + 1                !! unknowns of a fit
+  integer, parameter :: n_sum = n_fit*(n_fit + 1)       !! of its equations
 
 contains
 
@@ -70,12 +81,14 @@ contains
       value = settlement(model, probe%surface)
       return
     end if
+    if (probe%kind == 'surface_mean') then
+      value = mean_over_surface(model, probe)
+      return
+    end if
     call field_values(model, trim(probe%field), values)
     select case (probe%kind)
     case ('point')
       value = value_at_point(model, probe%position, values(probe%component, :))
-    case ('surface_mean')
-      value = surface_mean(model, probe%surface, values(probe%component, :))
     case default
       associate (volume => model%particles%field(model%p%volume)%values)
         value = model%comm%sum(sum(values(probe%component, :)*volume(1, 1:size(values, 2))))
@@ -83,120 +96,212 @@ contains
     end select
   end function probe_value
 
-  integer function surface_index(model, name) result(index)
-    !! Place of a named surface in the scene.
+  function surface_points(model, name) result(points)
+    !! This rank's points of a named surface.
     type(model_t), intent(in) :: model
     character(len=*), intent(in) :: name
+    integer, allocatable :: points(:)
+    integer :: wanted, p
 
-    index = findloc(model%scene%surface%name == name, .true., dim=1)
-  end function surface_index
+    wanted = index_of(model%scene, name)
+    points = pack([(p, p=1, model%surface%count)], &
+                  [(set_holds(model%surface%field(model%s%surface)%values(:, p), wanted), &
+                    p=1, model%surface%count)])
+  end function surface_points
 
   real(wp) function settlement(model, surface) result(mean)
     !! Mean downward displacement of a surface, weighted with area [m].
     type(model_t), intent(in) :: model
     character(len=*), intent(in) :: surface
-    real(wp) :: sums(2)
-    integer :: p, wanted
+    integer, allocatable :: points(:)
 
-    wanted = surface_index(model, surface)
-    sums = 0.0_wp
-    associate (s => model%surface)
-      do p = 1, s%count
-        if (nint(s%field(model%s%surface)%values(1, p)) /= wanted) cycle
-        sums(1) = sums(1) + s%field(model%s%area)%values(1, p)
-        sums(2) = sums(2) - s%field(model%s%area)%values(1, p)* &
-                  s%field(model%s%displacement)%values(ndim, p)
-      end do
+    points = surface_points(model, surface)
+    associate (displacement => model%surface%field(model%s%displacement)%values)
+      mean = area_mean(model, points, -displacement(ndim, points), spread(.true., 1, size(points)))
+    end associate
+  end function settlement
+
+  real(wp) function area_mean(model, points, values, is_known) result(mean)
+    !! Integral over surface points over their area, as far as values are known; 0 if none is.
+    !! Collective.
+    type(model_t), intent(in) :: model
+    integer, intent(in) :: points(:)      !! of this rank
+    real(wp), intent(in) :: values(:)     !! at these points
+    logical, intent(in) :: is_known(:)
+    real(wp) :: sums(2)
+
+    associate (area => model%surface%field(model%s%area)%values(1, :))
+      sums(1) = sum(area(points), mask=is_known)
+      sums(2) = sum(area(points)*values, mask=is_known)
     end associate
     call model%comm%sum_array(sums)
     mean = sums(2)/max(sums(1), tiny(1.0_wp))
-  end function settlement
+  end function area_mean
 
-  real(wp) function surface_mean(model, surface, values) result(mean)
-    !! Area mean over a surface of the value of the nearest particle on the same rank.
+  real(wp) function mean_over_surface(model, probe) result(mean)
+    !! Area mean over a surface. Displacements and velocities are those of the surface points
+    !! themselves, which follow the grid's nodes; heads and pressures are the given ones where
+    !! points have a head; all else comes from fits of the particles. Collective.
+    type(model_t), intent(inout) :: model
+    type(probe_t), intent(in) :: probe
+    integer, allocatable :: points(:)
+    real(wp), allocatable :: values(:, :), here(:)
+    logical, allocatable :: is_known(:)
+    integer :: d, handle
+
+    points = surface_points(model, probe%surface)
+    if (probe%field == 'displacement' .or. probe%field == 'velocity') then
+      allocate (here(size(points)), source=0.0_wp)
+      handle = model%surface%handle(trim(probe%field))
+      d = findloc(axis, probe%component, dim=1)   ! 0: out of a 1-D or 2-D scene
+      if (d > 0) here = model%surface%field(handle)%values(d, points)
+      mean = area_mean(model, points, here, spread(.true., 1, size(points)))
+      return
+    end if
+    call field_values(model, trim(probe%field), values)
+    call fit_at_points(model, probe%surface, points, values(probe%component, :), here, is_known)
+    if (probe%field == 'head' .or. probe%field == 'pore_pressure') then
+      call take_given_heads(model, points, probe%field == 'head', here, is_known)
+    end if
+    mean = area_mean(model, points, here, is_known)
+  end function mean_over_surface
+
+  subroutine take_given_heads(model, points, as_head, values, is_known)
+    !! Heads that surface points have now, as heads [m] or as pressures [Pa].
+    type(model_t), intent(inout) :: model
+    integer, intent(in) :: points(:)
+    logical, intent(in) :: as_head
+    real(wp), intent(inout) :: values(:)
+    logical, intent(inout) :: is_known(:)
+    real(wp), allocatable :: elevation(:)
+    integer :: k
+
+    call set_surface_data(model, model%clock%time)
+    call surface_elevation(model, elevation)
+    associate (conditions => model%hydraulic_conditions)
+      do k = 1, size(points)
+        if (conditions%kind(points(k)) /= kind_head) cycle
+        is_known(k) = .true.
+        values(k) = conditions%datum(points(k))
+        if (.not. as_head) values(k) = model%scene%water%unit_weight* &
+                                       (values(k) - elevation(points(k)))
+      end do
+    end associate
+  end subroutine take_given_heads
+
+  subroutine fit_at_points(model, surface, points, values, fitted, is_known)
+    !! Fits of the particles around surface points, as for a point probe, evaluated there. Only
+    !! particles of the surface's own material count. Particles of all ranks take part: points
+    !! visit the ranks around them as ghosts, and their sums come home. Collective.
     type(model_t), intent(in) :: model
     character(len=*), intent(in) :: surface
-    real(wp), intent(in) :: values(:)
-    real(wp) :: sums(2)
-    integer :: p, nearest, wanted, d
-    real(wp), allocatable :: distance(:)
+    integer, intent(in) :: points(:)                !! of this rank
+    real(wp), intent(in) :: values(:)               !! of particles
+    real(wp), allocatable, intent(out) :: fitted(:)
+    logical, allocatable, intent(out) :: is_known(:)   !! some particle is near
+    type(point_set_t) :: visitors
+    type(index_map_t) :: map
+    integer, allocatable :: start(:), near(:), own(:)
+    real(wp), allocatable :: sums(:, :), x(:, :)
+    real(wp) :: spacing
+    integer :: k, n, place
 
-    wanted = surface_index(model, surface)
-    sums = 0.0_wp
-    allocate (distance(size(values)))
-    do p = 1, model%surface%count
-      if (nint(model%surface%field(model%s%surface)%values(1, p)) /= wanted) cycle
-      if (size(values) == 0) cycle
-      distance = 0.0_wp
-      do d = 1, ndim
-        distance = distance + (model%particles%field(model%p%position)%values(d, 1:size(values)) - &
-                               model%surface%field(model%s%position)%values(d, p))**2
-      end do
-      nearest = minloc(distance, dim=1)
-      sums(1) = sums(1) + model%surface%field(model%s%area)%values(1, p)
-      sums(2) = sums(2) + model%surface%field(model%s%area)%values(1, p)*values(nearest)
+    associate (region => model%scene%region(findloc(model%scene%region%name == &
+                                             model%scene%surface(index_of(model%scene, surface))% &
+                                                    region, .true., dim=1)))
+      spacing = region_spacing(model%scene, region)
+      own = pack([(k, k=1, size(values))], &
+                 model%scene%material(model%material)%name == region%material)
+    end associate
+    x = model%particles%field(model%p%position)%values(:, own)
+    place = visitors%add('position', 'm', ndim, .false., .true., .false., .false.)
+    call visitors%resize(size(points))
+    visitors%id = int(points, i8)
+    visitors%field(place)%values = model%surface%field(model%s%position)%values(:, points)
+    call find_ghosts(model%comm, visitors, place, size(own), x, fit_radius*spacing, map)
+    n = size(points) + visitors%ghost_count
+    call build_neighbours(n, visitors%field(place)%values(:, 1:n), size(own), x, &
+                          fit_radius*spacing, start, near, skip_self=.false.)
+    allocate (sums(n_sum, n), source=0.0_wp)
+    do k = 1, n
+      associate (list => near(start(k):start(k + 1) - 1))
+        sums(:, k) = fit_sums(visitors%field(place)%values(:, k), spacing, x(:, list), &
+                              values(own(list)))
+      end associate
     end do
-    call model%comm%sum_array(sums)
-    mean = sums(2)/max(sums(1), tiny(1.0_wp))
-  end function surface_mean
+    call map%scatter_add(model%comm, n_sum, sums)
+    allocate (fitted(size(points)), is_known(size(points)))
+    do k = 1, size(points)
+      fitted(k) = fitted_value(sums(:, k))
+      is_known(k) = sums(1, k) > 0.0_wp
+    end do
+  end subroutine fit_at_points
 
   real(wp) function value_at_point(model, point, values) result(value)
-    !! Weighted linear least squares fit of the particles around a point, evaluated there; the
-    !! mean of the neighbours where they do not span all directions, NaN-free 0 without any.
+    !! Fit of the particles around a point, evaluated there. Collective.
     type(model_t), intent(in) :: model
     real(wp), intent(in) :: point(ndim)   !! [m]
-    real(wp), intent(in) :: values(:)
-    integer, parameter :: m = ndim + 1
-    real(wp) :: sums((m + 1)*m), basis(m), weight, distance
-    real(wp) :: matrix(m, m), right(m)
+    real(wp), intent(in) :: values(:)     !! of particles
+    real(wp) :: sums(n_sum)
+
+    associate (x => model%particles%field(model%p%position)%values(:, 1:size(values)))
+      sums = fit_sums(point, model%spacing, x, values)
+    end associate
+    call model%comm%sum_array(sums)
+    value = fitted_value(sums)
+  end function value_at_point
+
+  integer function points_in_reach(model, point) result(n)
+    !! Particles that a point probe sees, of all ranks. Collective.
+    type(model_t), intent(in) :: model
+    real(wp), intent(in) :: point(ndim)   !! [m]
+    integer :: p
+
+    n = 0
+    do p = 1, model%particles%count
+      associate (x => model%particles%field(model%p%position)%values(:, p))
+        if (norm2(x - point) < fit_radius*model%spacing) n = n + 1
+      end associate
+    end do
+    n = model%comm%sum(n)
+  end function points_in_reach
+
+  pure function fit_sums(point, spacing, position, values) result(sums)
+    !! Kernel: matrix and right-hand side of a weighted linear least squares fit about a point.
+    real(wp), intent(in) :: point(ndim)                     !! [m]
+    real(wp), intent(in) :: spacing                         !! of particles [m]
+    real(wp), intent(in) :: position(:, :), values(:)       !! of particles [m]
+    real(wp) :: sums(n_sum)
+    real(wp) :: basis(n_fit), weight, distance
     integer :: p, i
-    logical :: regular
 
     sums = 0.0_wp
+    basis(1) = 1.0_wp
     do p = 1, size(values)
-      basis(1) = 1.0_wp
-      basis(2:) = (model%particles%field(model%p%position)%values(1:ndim, p) - point)/model%spacing
+      basis(2:) = (position(:, p) - point)/spacing
       distance = norm2(basis(2:))/fit_radius
       if (distance >= 1.0_wp) cycle
       weight = (1.0_wp - distance)**4*(1.0_wp + 4.0_wp*distance)
-      do i = 1, m
-        sums((i - 1)*m + 1:i*m) = sums((i - 1)*m + 1:i*m) + weight*basis(i)*basis
+      do i = 1, n_fit
+        sums((i - 1)*n_fit + 1:i*n_fit) = sums((i - 1)*n_fit + 1:i*n_fit) + weight*basis(i)*basis
       end do
-      sums(m*m + 1:) = sums(m*m + 1:) + weight*basis*values(p)
+      sums(n_fit**2 + 1:) = sums(n_fit**2 + 1:) + weight*basis*values(p)
     end do
-    call model%comm%sum_array(sums)
-    matrix = reshape(sums(1:m*m), [m, m])
-    right = sums(m*m + 1:)
+  end function fit_sums
+
+  pure real(wp) function fitted_value(sums) result(value)
+    !! The fit at its point; the mean of the neighbours where they do not span all directions,
+    !! NaN-free 0 without any.
+    real(wp), intent(in) :: sums(:)   !! as from `fit_sums`
+    real(wp) :: matrix(n_fit, n_fit), right(n_fit)
+    logical :: regular
+
+    matrix = reshape(sums(1:n_fit**2), [n_fit, n_fit])
+    right = sums(n_fit**2 + 1:)
     value = 0.0_wp
     if (.not. matrix(1, 1) > 0.0_wp) return
     value = right(1)/matrix(1, 1)
     call eliminate(matrix, right, regular)
     if (regular) value = right(1)
-  end function value_at_point
-
-  pure subroutine eliminate(matrix, right, regular)
-    !! Solves a small symmetric positive definite system by elimination.
-    real(wp), intent(inout) :: matrix(:, :), right(:)
-    logical, intent(out) :: regular
-    real(wp) :: factor, largest
-    integer :: i, j, m
-
-    m = size(right)
-    largest = matrix(1, 1)
-    regular = .true.
-    do i = 1, m
-      if (.not. matrix(i, i) > 1.0e-6_wp*largest) then
-        regular = .false.
-        return
-      end if
-      do j = i + 1, m
-        factor = matrix(j, i)/matrix(i, i)
-        matrix(j, :) = matrix(j, :) - factor*matrix(i, :)
-        right(j) = right(j) - factor*right(i)
-      end do
-    end do
-    do i = m, 1, -1
-      right(i) = (right(i) - dot_product(matrix(i, i + 1:), right(i + 1:)))/matrix(i, i)
-    end do
-  end subroutine eliminate
+  end function fitted_value
 end module dosui_probes

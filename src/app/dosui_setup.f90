@@ -15,7 +15,10 @@ module dosui_setup
                                    register_surface_fields
   use dosui_retention, only: retention_t
   use dosui_scene, only: name_length, scene_t
+  use dosui_resolution, only: warn_of_thin_regions
   use dosui_seeding, only: region_spacing, seed_regions
+  use dosui_surface_overlaps, only: check_overlaps, warn_of_overlaps
+  use dosui_surface_report, only: describe_surfaces
   use dosui_text, only: to_text
   use dosui_topology, only: build_geometry, distribute, join_parts
   implicit none
@@ -69,7 +72,9 @@ contains
     needs = field_needs_t(coupled=model%coupled, affine=affine, updated=model%updated, &
                           finite=model%finite, adaptive=model%integrator == 'quasi_static', &
                           switching=model%switching, unsaturated=model%unsaturated, &
-                          finds_surface=model%finds_surface, n_state=model%materials%n_state())
+                          finds_surface=model%finds_surface, n_state=model%materials%n_state(), &
+                          n_surface=size(scene%surface), &
+                          triangulated=any(scene%region%shape == 'stl'))
     call register_particle_fields(model%particles, model%p, needs)
     call register_surface_fields(model%surface, model%s, needs)
     call add_timers(model)
@@ -134,6 +139,7 @@ contains
     call model%surface%resize(0)
     call seed_regions(model%comm, model%scene, model%particles, model%p, problems)
     call seed_boundary_points(model%comm, model%scene, model%surface, model%s, problems)
+    if (len(problems) == 0) call check_overlaps(model, problems)
     if (len(problems) > 0) return
     call apply_initial_state(model%scene, model%particles, model%p)
     if (model%p%state > 0) call start_states(model)
@@ -345,7 +351,10 @@ contains
                           to_text(model%damping)// &
                           merge(' 1/s', ' [-]', model%damping_kind == damping_viscous))
     end if
-    call describe_walls(model)
+    call describe_surfaces(model)
+    call warn_of_lost_loads(model)
+    call warn_of_overlaps(model)
+    call warn_of_thin_regions(model)
     if (.not. model%coupled) return
     linear = model%comm%sum(model%head_operator%n_linear)
     isolated = model%comm%sum(model%head_operator%n_isolated)
@@ -386,23 +395,13 @@ contains
     end do
   end subroutine describe_bodies
 
-  subroutine describe_walls(model)
-    !! Says which conditions are imposed how.
+  subroutine warn_of_lost_loads(model)
+    !! Loaded points that reach no node.
     type(model_t), intent(inout) :: model
-    integer :: c, fitted, forced, dropped
+    integer :: dropped
 
-    do c = 1, size(model%scene%mechanical_condition)
-      associate (condition => model%scene%mechanical_condition(c))
-        if (condition%is_load()) cycle
-        fitted = model%comm%sum(count(model%on_nodes(c, :)))
-        forced = model%comm%sum(count(model%by_force(c, :)))
-        call model%log%info('surface      '//trim(condition%surface)//': '//trim(condition%kind)// &
-                            ' on '//trim(merge('grid nodes   ', 'penalty walls', forced == 0))// &
-                            ' ('//to_text(fitted + forced)//' points)')
-      end associate
-    end do
     dropped = model%comm%sum(model%surface_forces%n_dropped)
     if (dropped > 0) call model%log%warning(to_text(dropped)// &
                                             ' loaded surface points find no grid node with mass')
-  end subroutine describe_walls
+  end subroutine warn_of_lost_loads
 end module dosui_setup

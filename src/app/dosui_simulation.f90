@@ -24,6 +24,7 @@ module dosui_simulation
   use dosui_setup, only: describe_model, finish_setup, seed_model, setup_model
   use dosui_signals, only: signal_received, signals_watch
   use dosui_state_check, only: check_state, describe_particle, is_sound
+  use dosui_surface_sets, only: set_width, sets_meet, wall_set
   use dosui_text, only: to_text
   use dosui_topology, only: build_geometry, distribute, needs_rebuild, refresh_storage, &
                             refresh_weights
@@ -389,6 +390,7 @@ contains
     type(error_t), intent(inout) :: err
     real(wp), allocatable :: volume(:, :), porosity(:, :)
     character(len=:), allocatable :: remains
+    real(wp) :: walls(set_width(size(model%scene%surface)))
     integer :: n_iteration, p
     logical :: stands
 
@@ -405,9 +407,11 @@ contains
     model%particles%field(model%p%volume)%values = volume
     model%particles%field(model%p%porosity)%values = porosity
     model%inverted = 0
+    walls = wall_set(model%scene)
     do p = 1, model%surface%count
-      if (.not. model%finite .and. &
-          model%scene%is_wall(nint(model%surface%field(model%s%surface)%values(1, p)))) cycle
+      associate (set => model%surface%field(model%s%surface)%values(:, p))
+        if (.not. model%finite .and. (set(1) < 0.0_wp .or. sets_meet(set, walls))) cycle
+      end associate
       model%surface%field(model%s%displacement)%values(:, p) = 0.0_wp
     end do
     call model%log%info('geostatic equilibrium after '//to_text(n_iteration)//' iterations')

@@ -4,7 +4,7 @@ module dosui_text
   implicit none
   private
 
-  public :: to_text, lower_case, nearest_name, starts_with
+  public :: to_text, vector_text, lower_case, nearest_name, starts_with
 
   interface to_text
     !! A value as text without blanks around it.
@@ -116,6 +116,25 @@ contains
     text = sign_text//assembled(without_trailing_zeros(buffer(first:)), &
                                 len(buffer) - first - power)
   end function text_of_decimal
+
+  pure function vector_text(x) result(text)
+    !! Components in brackets, 6 digits each; round-off beside the others is 0.
+    real(wp), intent(in) :: x(:)
+    character(len=:), allocatable :: text
+    real(wp), parameter :: round_off = 1.0e-12_wp
+    integer :: d
+
+    text = '('
+    do d = 1, size(x)
+      if (d > 1) text = text//', '
+      if (abs(x(d)) <= round_off*maxval(abs(x))) then
+        text = text//'0'
+      else
+        text = text//text_of_real(x(d), 6)
+      end if
+    end do
+    text = text//')'
+  end function vector_text
 
   pure function tidy(scientific) result(text)
     !! '1.2500E-003' becomes '1.25e-3', '2.5E-002' becomes '0.025'.

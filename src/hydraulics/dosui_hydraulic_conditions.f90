@@ -7,6 +7,7 @@ module dosui_hydraulic_conditions
   use dosui_dimension, only: ndim
   use dosui_head_operator, only: kind_flux, kind_head
   use dosui_scene, only: hydraulic_condition_t
+  use dosui_surface_sets, only: set_holds, set_is_empty
   implicit none
   private
 
@@ -24,12 +25,12 @@ contains
 
   subroutine hydraulic_conditions_init(self, conditions, condition_surface, n_point, surface, &
                                        has_head)
-    !! Finds the condition of every surface point: the last one that names its surface.
+    !! Finds the condition of every surface point (no point has two).
     class(hydraulic_conditions_t), intent(inout) :: self
     type(hydraulic_condition_t), intent(in) :: conditions(:)
     integer, intent(in) :: condition_surface(size(conditions))   !! surface of each condition
     integer, intent(in) :: n_point
-    integer, intent(in) :: surface(n_point)                      !! < 1: unnamed
+    real(wp), intent(in) :: surface(:, :)                        !! sets of surfaces of the points
     logical, intent(in) :: has_head(n_point)                     !! of points that may switch
     integer :: p, c
 
@@ -41,9 +42,9 @@ contains
     allocate (self%datum(n_point), source=0.0_wp)
     allocate (self%may_switch(n_point), source=.false.)
     do p = 1, n_point
-      if (surface(p) < 1) cycle
+      if (set_is_empty(surface(:, p))) cycle
       do c = 1, size(conditions)
-        if (condition_surface(c) == surface(p)) self%condition(p) = c
+        if (set_holds(surface(:, p), condition_surface(c))) self%condition(p) = c
       end do
       c = self%condition(p)
       if (c == 0) cycle

@@ -115,7 +115,7 @@ contains
     if (c > 0) then
       s = model%condition_surface(c)
     else
-      s = nint(model%surface%field(model%s%surface)%values(1, p))
+      s = first_member(model%surface%field(model%s%surface)%values(:, p))
       if (s <= 0) s = size(model%scene%surface) + 1
     end if
   end function surface_of

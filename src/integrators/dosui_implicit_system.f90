@@ -610,8 +610,7 @@ contains
                row => self%unknowns%row, sign => self%unknowns%sign)
       do e = 1, size(model%surface_forces%entry_point)
         call model%surface_forces%spring(e, model%scene%mechanical_condition, &
-                                         field(h%area)%values(1, 1:m), &
-                                         field(h%normal)%values(:, 1:m), node, weight, spring)
+                                         field(h%area)%values(1, 1:m), node, weight, spring)
         do j = 1, size(node)
           do i = 1, size(node)
             do b = 1, ndim

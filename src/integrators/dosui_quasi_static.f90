@@ -629,7 +629,7 @@ contains
       do k = 1, size(force, 2)
         if (all(abs(force(:, k)) <= huge(1.0_wp))) cycle
         call err%set('the force on the body at '// &
-                     place_of(model%grid%origin + model%grid%spacing* &
+                     place_of(model, model%grid%origin + model%grid%spacing* &
                               real(model%grid%node_index(:, k), wp))// &
                      ' is not a finite number: see loads and sources')
       end do

@@ -206,7 +206,7 @@ contains
     character(len=:), allocatable :: text
     integer :: s
 
-    s = nint(model%surface%field(model%s%surface)%values(1, p))
+    s = first_member(model%surface%field(model%s%surface)%values(:, p))
     text = 'an unnamed surface'
     if (s > 0) text = "surface '"//trim(model%scene%surface(s)%name)//"'"
   end function surface_name

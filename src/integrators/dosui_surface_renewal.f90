@@ -16,6 +16,7 @@ module dosui_surface_renewal
   use dosui_neighbours, only: build_neighbours
   use dosui_scene, only: rigid_wall_t
   use dosui_seeding, only: region_spacing
+  use dosui_surface_sets, only: set_add, set_holds, set_remove
   implicit none
   private
 
@@ -156,8 +157,13 @@ contains
     associate (field => model%surface%field, h => model%s)
       do p = 1, m
         if (nint(field(h%free)%values(1, p)) == 0) cycle
-        field(h%surface)%values(1, p) = field(h%free)%values(1, p)
-        if (shut_claim(p) < free_claim(p)) field(h%surface)%values(1, p) = 0.0_wp
+        associate (free => nint(field(h%free)%values(1, p)), set => field(h%surface)%values(:, p))
+          if (shut_claim(p) < free_claim(p)) then
+            call set_remove(set, free)
+          else
+            call set_add(set, free)
+          end if
+        end associate
       end do
       keep = pack([(p, p=1, m)], nint(field(h%free)%values(1, 1:m)) == 0 .or. &
                   free_claim(1:m) < 0.0_wp .or. shut_claim(1:m) < 0.0_wp)
@@ -185,7 +191,7 @@ contains
     call add_point(model%scene, region, &
                    ids_of_step*(1_i8 + mod(model%clock%step, steps_of_ids)) + 16_i8*model%particles%id(i) + &
                    int(f - first_of(facets, f), i8), facets%place(:, f), facets%normal(:, f), &
-                   facets%area(f), merge(surface, 0, facets%is_free(f)), -sector, &
+                   facets%area(f), pack([surface], [facets%is_free(f)]), -sector, &
                    model%surface, model%s)
     p = model%surface%count
     associate (field => model%surface%field, h => model%s, particle => model%particles%field)
@@ -221,10 +227,15 @@ contains
     !! Area of a surface now [m2]. Collective.
     type(model_t), intent(in) :: model
     integer, intent(in) :: surface
+    integer :: p
 
-    associate (field => model%surface%field, m => model%surface%count)
-      area = model%comm%sum(sum(field(model%s%area)%values(1, 1:m), mask= &
-                                nint(field(model%s%surface)%values(1, 1:m)) == surface))
+    associate (field => model%surface%field)
+      area = 0.0_wp
+      do p = 1, model%surface%count
+        if (set_holds(field(model%s%surface)%values(:, p), surface)) &
+          area = area + field(model%s%area)%values(1, p)
+      end do
     end associate
+    area = model%comm%sum(area)
   end function free_area
 end module dosui_surface_renewal

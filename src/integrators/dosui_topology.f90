@@ -20,6 +20,7 @@ module dosui_topology
   use dosui_shape_functions, only: shape_kind_of, shape_shift
   use dosui_sort, only: binary_search
   use dosui_surface_renewal, only: renew_surface
+  use dosui_surface_sets, only: index_of, set_holds, set_width, sets_meet, wall_set
   use dosui_text, only: to_text
   use dosui_water_step, only: set_surface_data
   implicit none
@@ -97,12 +98,14 @@ contains
   subroutine turn_surfaces(model)
     !! Normals and areas that surface points have now; walls keep theirs.
     type(model_t), intent(inout) :: model
-    real(wp) :: size_now
+    real(wp) :: size_now, walls(set_width(size(model%scene%surface)))
     integer :: p
 
+    walls = wall_set(model%scene)
     associate (field => model%surface%field, h => model%s)
       do p = 1, model%surface%count
-        if (model%scene%is_wall(nint(field(h%surface)%values(1, p)))) cycle
+        if (field(h%surface)%values(1, p) < 0.0_wp) cycle   ! a barrier
+        if (sets_meet(field(h%surface)%values(:, p), walls)) cycle
         size_now = norm2(field(h%outward_area)%values(:, p))
         if (.not. size_now > 0.0_wp) cycle
         field(h%area)%values(1, p) = size_now
@@ -415,7 +418,7 @@ contains
     !! Conditions on nodes, tractions and walls.
     type(model_t), intent(inout) :: model
     integer, intent(in) :: handle   !! positions that the geometry is built from
-    real(wp), allocatable :: nodal(:, :)
+    real(wp), allocatable :: nodal(:, :), held(:, :)
     integer, allocatable :: patch(:), cell(:), host(:)
     integer :: n, m, n_lost, surface_handle
 
@@ -446,24 +449,17 @@ contains
       if (model%quadrature%exact .and. .not. model%quadrature%fitted) then
         host = model%quadrature%host
       end if
+      if (h%held > 0) held = field(h%held)%values(:, 1:m)
       call model%surface_forces%init(model%comm, model%grid, m, model%surface_cell, &
                                      field(surface_handle)%values(:, 1:m), &
                                      field(h%normal)%values(:, 1:m), &
                                      field(h%area)%values(1, 1:m), nodal(1, :), model%density, &
-                                     wall_modulus(model), model%scene%mechanics%penalty, &
-                                     model%by_force, host)
+                                     model%skeleton_modulus, model%scene%mechanics%penalty, &
+                                     model%by_force, host, held)
     end associate
     model%lifted = model%centred .and. &
                    model%comm%any(model%surface_forces%has_lifts(model%scene%mechanical_condition))
   end subroutine build_conditions
-
-  pure real(wp) function wall_modulus(model) result(modulus)
-    !! The modulus that penalty walls resist: the stiffest one that steps see [Pa].
-    type(model_t), intent(in) :: model
-
-    modulus = model%stiffest
-    if (model%integrator == 'semi_implicit') modulus = model%skeleton_modulus
-  end function wall_modulus
 
   subroutine build_quadrature(model, handle, surface_handle, cell)
     !! Measures and gradients of cells. In small-strain scenes particles and surface points of
@@ -579,10 +575,13 @@ contains
     !! penalty walls elsewhere.
     type(model_t), intent(inout) :: model
     integer, intent(in) :: handle   !! positions of the surface points
-    integer :: p, c, m
+    integer :: surface(size(model%scene%mechanical_condition)), p, c, m
     logical :: fitted
 
     m = model%surface%count
+    do c = 1, size(surface)
+      surface(c) = index_of(model%scene, model%scene%mechanical_condition(c)%surface)
+    end do
     if (allocated(model%on_nodes)) deallocate (model%on_nodes, model%by_force)
     allocate (model%on_nodes(size(model%scene%mechanical_condition), m), source=.false.)
     allocate (model%by_force(size(model%scene%mechanical_condition), m), source=.false.)
@@ -590,9 +589,7 @@ contains
       fitted = lies_on_nodes(model, handle, p)
       do c = 1, size(model%scene%mechanical_condition)
         associate (condition => model%scene%mechanical_condition(c))
-          if (model%scene%surface(nint(max(1.0_wp, &
-               model%surface%field(model%s%surface)%values(1, p))))%name /= condition%surface) cycle
-          if (nint(model%surface%field(model%s%surface)%values(1, p)) < 1) cycle
+          if (.not. set_holds(model%surface%field(model%s%surface)%values(:, p), surface(c))) cycle
           if (condition%is_load()) then
             model%by_force(c, p) = .true.
           else
@@ -610,7 +607,7 @@ contains
     type(model_t), intent(inout) :: model
     integer, intent(in) :: handle   !! positions that the geometry is built from
     integer, allocatable :: row_start(:), neighbour(:), point_start(:), point_neighbour(:)
-    integer, allocatable :: patch(:), surface(:)
+    integer, allocatable :: patch(:), barrier(:)
     logical, allocatable :: has_head(:)
     real(wp) :: radius
     integer :: n, n_local, m, m_local, surface_handle
@@ -636,17 +633,18 @@ contains
                             skip_self=.true.)
       call build_neighbours(n, x(:, 1:n), m_local, xs(:, 1:m_local), radius, point_start, &
                             point_neighbour, skip_self=.false.)
-      surface = nint(field(model%s%surface)%values(1, 1:m_local))
       if (allocated(model%barrier)) then
+        barrier = nint(max(-field(model%s%surface)%values(1, 1:m_local), 0.0_wp))
         call cut_neighbours(model%barrier, x(:, 1:n), x(:, 1:n_local), row_start, neighbour)
-        call cut_points(model%barrier, max(-surface, 0), x(:, 1:n), xs(:, 1:m_local), &
+        call cut_points(model%barrier, barrier, x(:, 1:n), xs(:, 1:m_local), &
                         field(model%s%normal)%values(:, 1:m_local), point_start, point_neighbour)
       end if
       patch = nint(field(model%s%patch)%values(1, 1:m_local))
       allocate (has_head(m_local), source=.false.)
       if (model%switching) has_head = field(model%s%has_head)%values(1, 1:m_local) > 0.5_wp
       call model%hydraulic_conditions%init(model%scene%hydraulic_condition, &
-                                           model%condition_surface, m_local, surface, has_head)
+                                           model%condition_surface, m_local, &
+                                           field(model%s%surface)%values(:, 1:m_local), has_head)
       call set_surface_data(model, model%clock%time)
       if (model%scene%water%operator == 'two_pass') then
         call model%two_pass%build(n, x(:, 1:n_local), &

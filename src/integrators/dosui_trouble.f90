@@ -7,6 +7,7 @@ module dosui_trouble
   use dosui_model, only: model_t
   use dosui_scene, only: name_length
   use dosui_state_check, only: place_of
+  use dosui_surface_sets, only: first_member
   use dosui_text, only: to_text
   implicit none
   private
@@ -52,7 +53,7 @@ contains
     most = worst
     call model%comm%maximum_location(most, owner)
     if (owner == model%comm%rank) then
-      call carrier%set('worst at '//place_of(x)// &
+      call carrier%set('worst at '//place_of(model, x)// &
                        surroundings(model, x, by_water, worst, share, reaction, before))
     end if
     call model%comm%agree(carrier)
@@ -163,7 +164,7 @@ contains
     least = near*model%grid%spacing
     name = ''
     do p = 1, model%surface%count
-      s = nint(model%surface%field(model%s%surface)%values(1, p))
+      s = first_member(model%surface%field(model%s%surface)%values(:, p))
       if (s <= 0) cycle
       distance = norm2(model%surface%field(h)%values(:, p) - x)
       if (distance >= least) cycle

@@ -339,7 +339,6 @@ module dosui_scene
     type(problems_t) :: warnings                     !! what is allowed, but hardly meant
   contains
     procedure :: head_at_origin => scene_head_at_origin
-    procedure :: is_wall => scene_is_wall
     procedure :: shape_function_in_force => scene_shape_function_in_force
     procedure :: mixture_density => scene_mixture_density
     procedure :: water_modulus => scene_water_modulus
@@ -411,22 +410,6 @@ contains
 
     is_rough = self%kind == 'rough'
   end function rigid_wall_is_rough
-
-  pure logical function scene_is_wall(self, surface) result(is_wall)
-    !! Does something of its own hold or move a surface? Barriers count as walls.
-    class(scene_t), intent(in) :: self
-    integer, intent(in) :: surface   !! index; 0: unnamed, < 0: a barrier
-    integer :: c
-
-    is_wall = surface < 0
-    if (surface <= 0) return
-    do c = 1, size(self%mechanical_condition)
-      associate (condition => self%mechanical_condition(c))
-        is_wall = is_wall .or. (condition%surface == self%surface(surface)%name .and. &
-                                .not. condition%is_load())
-      end associate
-    end do
-  end function scene_is_wall
 
   pure elemental logical function mechanical_condition_is_load(self) result(is_load)
     !! Is it a given load, and not a wall or plate?

@@ -7,7 +7,7 @@ module dosui_scene_warnings
   use dosui_region_contacts, only: region_contacts_t
   use dosui_scene, only: mechanical_condition_t, name_length, scene_t
   use dosui_scene_checks, only: checker_t
-  use dosui_text, only: to_text
+  use dosui_text, only: to_text, vector_text
   implicit none
   private
 
@@ -155,7 +155,7 @@ contains
       associate (gap => contacts%gap(g))
         call checker%complain('region', gap%second, 'name', 'lies '//to_text(gap%width, 4)// &
                               " m away from '"//trim(scene%region(gap%first)%name)//"' at "// &
-                              place(gap%place + scene%local_origin)//' [m]: within a grid spacing the skeletons '// &
+                              vector_text(gap%place + scene%local_origin)//' [m]: within a grid spacing the skeletons '// &
                               'are joined, but no water passes')
       end associate
     end do
@@ -168,22 +168,8 @@ contains
     do a = 1, size(scene%region)
       if (contacts%body(a) /= a .or. .not. norm2(contacts%unheld(:, a)) > round_off) cycle
       call checker%complain('region', a, 'name', 'gravity or loads drive the body along '// &
-                            place(contacts%unheld(:, a))//', where none of its '// &
+                            vector_text(contacts%unheld(:, a))//', where none of its '// &
                             'mechanical conditions holds it')
     end do
   end subroutine warn_of_bodies
-
-  pure function place(components) result(text)
-    !! Components in parentheses.
-    real(wp), intent(in) :: components(ndim)
-    character(len=:), allocatable :: text
-    integer :: d
-
-    text = '('
-    do d = 1, ndim
-      if (d > 1) text = text//', '
-      text = text//to_text(components(d), 4)
-    end do
-    text = text//')'
-  end function place
 end module dosui_scene_warnings

@@ -6,8 +6,10 @@
 !! node has m / a = rho h / 2, and nodes below `light_node` rho h are dropped.
 !!
 !! A penalty wall is a spring kappa = penalty * modulus / h with a dashpot on the displacement of
-!! the surface point against the wall (Belytschko & Neal 1991 for the explicit penalty method).
-!! Its displacement error is stress / kappa, first order in h.
+!! the surface point against the wall (Belytschko & Neal 1991 for the explicit penalty method), with
+!! the drained modulus: what the water bears the cells' lifted strains hold (see `lift`), and a
+!! spring as stiff as water would lock a surface whose normals lean. Where facets stand for a smooth
+!! surface, walls hold its normals. The displacement error is stress / kappa, first order in h.
 module dosui_surface_forces
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim, nsig, axis, voigt_slot
@@ -17,6 +19,8 @@ module dosui_surface_forces
   use dosui_scene, only: mechanical_condition_t
   implicit none
   private
+
+  public :: load_traction
 
   real(wp), parameter :: light_node = 0.1_wp       !! least m / (a rho h) of a loaded node [-]
   integer, parameter :: parts_per_direction = 4    !! of a point's surface
@@ -32,6 +36,7 @@ module dosui_surface_forces
     real(wp), allocatable :: weight(:, :, :)   !! likewise: share of each node, in all 1 a point [-]
     integer, allocatable :: entry_point(:)     !! surface point of each entry
     integer, allocatable :: entry_condition(:) !! mechanical condition of each entry
+    real(wp), allocatable :: held(:, :)        !! (ndim, n_point) normals that walls hold [-]
     real(wp) :: stiffness = 0.0_wp             !! kappa of penalty walls [Pa/m]
     real(wp) :: damping = 0.0_wp               !! dashpot of penalty walls [Pa s/m]
     integer :: n_dropped = 0                   !! points that found no node with mass
@@ -49,7 +54,7 @@ module dosui_surface_forces
 contains
 
   subroutine surface_forces_init(self, comm, grid, n_point, cell, position, normal, area, mass, &
-                                 density, modulus, penalty, handled, host)
+                                 density, modulus, penalty, handled, host, held)
     !! Computes the weights of all surface points from the nodal masses at hand. Collective.
     !!
     !! With `host` a point stands for several parts of its surface, which lie in cells of their own
@@ -65,10 +70,12 @@ contains
     real(wp), intent(in) :: area(n_point)             !! [m2, m per m in 2-D, 1 in 1-D]
     real(wp), intent(in) :: mass(grid%n_node)         !! complete nodal masses [kg]
     real(wp), intent(in) :: density                   !! reference density of the body [kg/m3]
-    real(wp), intent(in) :: modulus                   !! stiffest undrained modulus of the body [Pa]
+    real(wp), intent(in) :: modulus                   !! stiffest drained modulus of the body [Pa]
     real(wp), intent(in) :: penalty                   !! wall stiffness factor [-]
     logical, intent(in) :: handled(:, :)              !! (conditions, points) entries to be made
     integer, intent(in), optional :: host(grid%n_cell)   !! cells that small parts belong to
+    real(wp), intent(in), optional :: held(ndim, n_point)
+    !! normals of the smooth surfaces that facets stand for; absent: they are the facets' [-]
     real(wp), allocatable :: served(:, :)
     logical, allocatable :: usable(:)
     real(wp) :: place(ndim), least
@@ -115,6 +122,8 @@ contains
                             reshape(handled, [size(handled)]))
     self%entry_condition = pack([((c, c=1, size(handled, 1)), p=1, n_point)], &
                                 reshape(handled, [size(handled)]))
+    self%held = normal
+    if (present(held)) self%held = held
     self%stiffness = penalty*modulus/grid%spacing
     self%damping = dashpot_ratio*sqrt(self%stiffness*density*grid%spacing)
   end subroutine surface_forces_init
@@ -208,13 +217,13 @@ contains
     integer :: e, p, c, k
 
     allocate (plate_displacement(size(conditions)))
-    call solve_plates(self, comm, conditions, time, area, normal, displacement, plate_displacement)
+    call solve_plates(self, comm, conditions, time, area, displacement, plate_displacement)
     do e = 1, size(self%entry_point)
       p = self%entry_point(e)
       c = self%entry_condition(e)
       traction = point_traction(conditions(c), time, position(:, p), normal(:, p), &
-                                displacement(:, p), velocity(:, p), self%stiffness, self%damping, &
-                                plate_displacement(c))
+                                self%held(:, p), displacement(:, p), velocity(:, p), &
+                                self%stiffness, self%damping, plate_displacement(c))
       do k = 1, self%n_part
         call spread_load(self, k, p, area(p)*traction, force)
       end do
@@ -250,13 +259,13 @@ contains
     end do
   end function part_velocity
 
-  pure function point_traction(condition, time, position, normal, displacement, velocity, &
+  pure function point_traction(condition, time, position, normal, held, displacement, velocity, &
                                stiffness, damping, plate_displacement) result(traction)
     !! Traction of one condition on the body at a surface point [Pa].
     type(mechanical_condition_t), intent(in) :: condition
     real(wp), intent(in) :: time                                   !! [s]
     real(wp), intent(in) :: position(ndim)                         !! of the point [m]
-    real(wp), intent(in) :: normal(ndim)                           !! outward [-]
+    real(wp), intent(in) :: normal(ndim), held(ndim)               !! outward, of walls [-]
     real(wp), intent(in) :: displacement(ndim), velocity(ndim)     !! of the point [m], [m/s]
     real(wp), intent(in) :: stiffness, damping                     !! of a wall [Pa/m], [Pa s/m]
     real(wp), intent(in) :: plate_displacement                     !! along the normal [m]
@@ -264,10 +273,8 @@ contains
     real(wp) :: wall_displacement, wall_velocity
 
     select case (condition%kind)
-    case ('traction')
-      traction = condition%value*condition%pattern%at(time, position)
-    case ('pressure', 'reservoir')
-      traction = -condition%pressure_at(time, position)*normal
+    case ('traction', 'pressure', 'reservoir')
+      traction = load_traction(condition, time, position, normal)
     case ('absorbing')
       traction = -condition%impedance(2)*velocity - &
                  (condition%impedance(1) - condition%impedance(2))*dot_product(velocity, normal)* &
@@ -286,22 +293,35 @@ contains
         wall_velocity = condition%value(1)*condition%pattern%factor%at(time)
       else if (condition%kind == 'plate') then
         wall_displacement = plate_displacement
-        wall_velocity = dot_product(velocity, normal)
+        wall_velocity = dot_product(velocity, held)
       end if
-      traction = (stiffness*(wall_displacement - dot_product(displacement, normal)) + &
-                  damping*(wall_velocity - dot_product(velocity, normal)))*normal
+      traction = (stiffness*(wall_displacement - dot_product(displacement, held)) + &
+                  damping*(wall_velocity - dot_product(velocity, held)))*held
     end select
   end function point_traction
 
-  subroutine solve_plates(self, comm, conditions, time, area, normal, displacement, &
-                          plate_displacement)
+  pure function load_traction(condition, time, position, normal) result(traction)
+    !! Traction that a given load puts on the body at a surface point [Pa].
+    type(mechanical_condition_t), intent(in) :: condition   !! traction, pressure or reservoir
+    real(wp), intent(in) :: time             !! [s]
+    real(wp), intent(in) :: position(ndim)   !! of the point [m]
+    real(wp), intent(in) :: normal(ndim)     !! outward [-]
+    real(wp) :: traction(ndim)
+
+    if (condition%kind == 'traction') then
+      traction = condition%value*condition%pattern%at(time, position)
+    else
+      traction = -condition%pressure_at(time, position)*normal
+    end if
+  end function load_traction
+
+  subroutine solve_plates(self, comm, conditions, time, area, displacement, plate_displacement)
     !! Normal displacement U of each penalty plate from sum kappa a (U - u_n) = -F [m].
     class(surface_forces_t), intent(in) :: self
     type(communicator_t), intent(in) :: comm
     type(mechanical_condition_t), intent(in) :: conditions(:)
     real(wp), intent(in) :: time                               !! [s]
     real(wp), intent(in) :: area(self%n_point)                 !! [m2]
-    real(wp), intent(in) :: normal(ndim, self%n_point)         !! outward [-]
     real(wp), intent(in) :: displacement(ndim, self%n_point)   !! [m]
     real(wp), intent(out) :: plate_displacement(size(conditions))
     real(wp) :: sums(2*size(conditions))
@@ -315,7 +335,7 @@ contains
       c = self%entry_condition(e)
       if (conditions(c)%kind /= 'plate') cycle
       sums(2*c - 1) = sums(2*c - 1) + self%stiffness*area(p)
-      sums(2*c) = sums(2*c) + self%stiffness*area(p)*dot_product(displacement(:, p), normal(:, p))
+      sums(2*c) = sums(2*c) + self%stiffness*area(p)*dot_product(displacement(:, p), self%held(:, p))
     end do
     call comm%sum_array(sums)
     do c = 1, size(conditions)
@@ -371,10 +391,10 @@ contains
         cell = self%cell(k, p)
         if (cell == 0) cycle
         slip = part_velocity(self, k, p, nodal_velocity)
-        if (.not. at_rest) slip = slip - wall_velocity(conditions(c), time, normal(:, p))/ &
+        if (.not. at_rest) slip = slip - wall_velocity(conditions(c), time, self%held(:, p))/ &
                                   real(self%n_part, wp)
         if (conditions(c)%kind == 'roller' .or. conditions(c)%kind == 'normal_velocity') then
-          slip = dot_product(slip, normal(:, p))*normal(:, p)
+          slip = dot_product(slip, self%held(:, p))*self%held(:, p)
         end if
         do b = 1, ndim
           do a = 1, ndim
@@ -409,7 +429,7 @@ contains
             slip = 0.0_wp
             slip(d) = self%weight(i, k, p)
             if (conditions(c)%kind == 'roller' .or. conditions(c)%kind == 'normal_velocity') then
-              slip = slip(d)*normal(d, p)*normal(:, p)
+              slip = slip(d)*self%held(d, p)*self%held(:, p)
             end if
             do b = 1, ndim
               do a = 1, ndim
@@ -423,14 +443,13 @@ contains
     end do
   end subroutine surface_forces_lift_operators
 
-  subroutine surface_forces_spring(self, entry, conditions, area, normal, node, weight, spring)
+  subroutine surface_forces_spring(self, entry, conditions, area, node, weight, spring)
     !! The spring of one entry: force on node i per displacement of node j is
     !! - weight(i)*weight(j)*spring. No nodes for entries that are loads.
     class(surface_forces_t), intent(in) :: self
     integer, intent(in) :: entry
     type(mechanical_condition_t), intent(in) :: conditions(:)
     real(wp), intent(in) :: area(self%n_point)              !! [m2]
-    real(wp), intent(in) :: normal(ndim, self%n_point)      !! outward [-]
     integer, allocatable, intent(out) :: node(:)
     real(wp), allocatable, intent(out) :: weight(:)         !! [-]
     real(wp), intent(out) :: spring(ndim, ndim)             !! [N/m]
@@ -458,7 +477,7 @@ contains
       if (kind == 'fixed' .or. kind == 'velocity') then
         spring(a, a) = self%stiffness*area(p)
       else
-        spring(:, a) = self%stiffness*area(p)*normal(:, p)*normal(a, p)
+        spring(:, a) = self%stiffness*area(p)*self%held(:, p)*self%held(a, p)
       end if
     end do
   end subroutine surface_forces_spring
@@ -501,7 +520,7 @@ contains
           end do
         end do
         if (conditions(c)%kind == 'roller' .or. conditions(c)%kind == 'normal_velocity') then
-          traction = dot_product(traction, normal(:, p))*normal(:, p)
+          traction = dot_product(traction, self%held(:, p))*self%held(:, p)
         end if
         call spread_load(self, k, p, area(p)*traction, force)
       end do

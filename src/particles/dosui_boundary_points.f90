@@ -10,6 +10,7 @@ module dosui_boundary_points
   use dosui_scene, only: scene_t
   use dosui_seeding, only: region_spacing
   use dosui_shapes, only: face_t, shape_contains
+  use dosui_surface_sets, only: rank_probe, set_add, surface_ranks
   implicit none
   private
 
@@ -31,16 +32,18 @@ contains
     character(len=:), allocatable, intent(inout) :: problems
     type(face_t), allocatable :: faces(:)
     logical, allocatable :: touched(:)
+    integer :: rank(size(scene%surface))
     integer(i8) :: id
     integer :: r, f, s, patch
 
     allocate (touched(size(scene%surface)), source=.false.)
+    rank = surface_ranks(scene)
     id = 0_i8
     patch = 0
     do r = 1, size(scene%region)
       call region_faces(scene%region(r), region_spacing(scene, scene%region(r)), faces)
       do f = 1, size(faces)
-        call seed_face(comm, scene, r, faces(f), patch, id, points, handles, touched)
+        call seed_face(comm, scene, r, faces(f), rank, patch, id, points, handles, touched)
         patch = patch + 1 + size(scene%surface)
       end do
     end do
@@ -53,23 +56,28 @@ contains
     end do
   end subroutine seed_boundary_points
 
-  subroutine seed_face(comm, scene, r, face, first_patch, id, points, handles, touched)
-    !! This rank's share of a face's pieces.
+  subroutine seed_face(comm, scene, r, face, rank, first_patch, id, points, handles, touched)
+    !! This rank's share of a face's pieces. A piece belongs to every surface that names it. What
+    !! is free, and which pieces are one patch, follows from the surfaces that conditions use (or
+    !! nothing): a probe's surface changes nothing.
     type(communicator_t), intent(in) :: comm
     type(scene_t), intent(in) :: scene
     integer, intent(in) :: r                      !! region of the face
     type(face_t), intent(in) :: face
+    integer, intent(in) :: rank(:)                !! uses of the surfaces, as `surface_ranks` says
     integer, intent(in) :: first_patch
     integer(i8), intent(inout) :: id              !! last identity given out
     type(point_set_t), intent(inout) :: points
     type(surface_handles_t), intent(in) :: handles
     logical, intent(inout) :: touched(:)
     integer(i8) :: total, k, first, last
+    integer, allocatable :: named(:), here(:)
     integer :: s, free
     logical :: is_free
     real(wp) :: spacing, x(ndim), normal(ndim), area
 
     free = free_surface_of(scene, r)
+    named = surfaces_of(scene, r, face)
     spacing = region_spacing(scene, scene%region(r))
     total = piece_count(face, spacing)
     first = total*comm%rank/comm%size + 1_i8
@@ -78,11 +86,15 @@ contains
       call face_piece(face, spacing, k, x, normal, area)
       if (.not. area > 0.0_wp) cycle
       if (is_interior(scene, r, x + probe_depth*spacing*normal)) cycle
-      s = surface_of(scene, r, face, x)
-      is_free = s == 0 .and. free > 0
-      if (is_free .and. .not. lies_on_wall(scene, x, normal, on_wall*spacing)) s = free
-      if (s > 0) touched(s) = .true.
-      call add_point(scene, r, id + k, x, normal, area, s, first_patch + s, points, handles)
+      here = pack(named, [(lies_in_box(scene, named(s), x), s=1, size(named))])
+      is_free = free > 0 .and. all(rank(here) == rank_probe)
+      if (is_free .and. .not. lies_on_wall(scene, x, normal, on_wall*spacing)) here = [here, free]
+      touched(here) = .true.
+      call add_point(scene, r, id + k, x, normal, area, here, first_patch + owner_of(rank, here), &
+                     points, handles)
+      if (allocated(face%piece_held) .and. handles%held > 0) then
+        points%field(handles%held)%values(:, points%count) = face%piece_held(:, k)
+      end if
       if (is_free .and. handles%free > 0) then
         points%field(handles%free)%values(1, points%count) = real(free, wp)
       end if
@@ -90,7 +102,24 @@ contains
     id = id + total
   end subroutine seed_face
 
-  subroutine add_point(scene, region, id, position, normal, area, surface, patch, points, handles)
+  pure integer function owner_of(rank, surfaces) result(owner)
+    !! The surface that tells a point's patch: the last one with water, else the last one with a
+    !! mechanical condition, else one that nothing uses; 0 for none.
+    integer, intent(in) :: rank(:)       !! uses of all surfaces
+    integer, intent(in) :: surfaces(:)   !! of the point
+    integer :: k
+
+    owner = 0
+    do k = 1, size(surfaces)
+      if (rank(surfaces(k)) == rank_probe) cycle
+      if (owner > 0) then
+        if (rank(surfaces(k)) < rank(owner)) cycle
+      end if
+      owner = surfaces(k)
+    end do
+  end function owner_of
+
+  subroutine add_point(scene, region, id, position, normal, area, surfaces, patch, points, handles)
     !! One more boundary point.
     type(scene_t), intent(in) :: scene
     integer, intent(in) :: region              !! whose material it bounds
@@ -98,11 +127,11 @@ contains
     real(wp), intent(in) :: position(ndim)     !! [m]
     real(wp), intent(in) :: normal(ndim)       !! outward [-]
     real(wp), intent(in) :: area               !! [m2]
-    integer, intent(in) :: surface             !! 0: unnamed, < 0: of a barrier
+    integer, intent(in) :: surfaces(:)         !! all that it belongs to; one < 0: of a barrier
     integer, intent(in) :: patch
     type(point_set_t), intent(inout) :: points
     type(surface_handles_t), intent(in) :: handles
-    integer :: i
+    integer :: i, k
 
     i = points%count + 1
     call points%resize(i)
@@ -111,7 +140,12 @@ contains
       field(handles%position)%values(:, i) = position
       field(handles%normal)%values(:, i) = normal
       field(handles%area)%values(1, i) = area
-      field(handles%surface)%values(1, i) = real(surface, wp)
+      if (handles%held > 0) field(handles%held)%values(:, i) = normal
+      field(handles%surface)%values(:, i) = 0.0_wp
+      do k = 1, size(surfaces)
+        if (surfaces(k) < 0) field(handles%surface)%values(1, i) = real(surfaces(k), wp)
+        call set_add(field(handles%surface)%values(:, i), surfaces(k))
+      end do
       field(handles%patch)%values(1, i) = real(patch, wp)
       if (handles%has_head > 0) field(handles%has_head)%values(1, i) = 0.0_wp
       if (handles%material > 0) field(handles%material)%values(1, i) = &
@@ -145,7 +179,7 @@ contains
           r = region_at(scene, x)
           if (r == 0) cycle
           call add_point(scene, r, id, x, real(side, wp)*faces(f)%normal, &
-                         product(faces(f)%piece(:max(1, ndim - 1))), -f, &
+                         product(faces(f)%piece(:max(1, ndim - 1))), [-f], &
                          last_patch + 2*f + max(side, 0), points, handles)
         end do
       end do
@@ -178,25 +212,29 @@ contains
     end do
   end function is_interior
 
-  pure integer function surface_of(scene, r, face, position) result(surface)
-    !! The last surface of the scene that names this piece, 0 for none.
+  pure function surfaces_of(scene, r, face) result(surfaces)
+    !! The surfaces of the scene that name a face or a part of it.
     type(scene_t), intent(in) :: scene
     integer, intent(in) :: r
     type(face_t), intent(in) :: face
-    real(wp), intent(in) :: position(ndim)
+    integer, allocatable :: surfaces(:)
     integer :: s
 
-    surface = 0
-    do s = 1, size(scene%surface)
-      associate (candidate => scene%surface(s))
-        if (candidate%region /= scene%region(r)%name) cycle
-        if (candidate%face /= face%name .and. candidate%face /= face%solid .and. &
-            candidate%face /= 'all') cycle
-        if (any(position < candidate%box_min) .or. any(position > candidate%box_max)) cycle
-        surface = s
-      end associate
-    end do
-  end function surface_of
+    surfaces = pack([(s, s=1, size(scene%surface))], &
+                    scene%surface%region == scene%region(r)%name .and. &
+                    (scene%surface%face == face%name .or. scene%surface%face == face%solid .or. &
+                     scene%surface%face == 'all'))
+  end function surfaces_of
+
+  pure logical function lies_in_box(scene, surface, position)
+    !! Does the part of a face that a surface keeps hold a position?
+    type(scene_t), intent(in) :: scene
+    integer, intent(in) :: surface
+    real(wp), intent(in) :: position(ndim)   !! [m]
+
+    lies_in_box = all(position >= scene%surface(surface)%box_min) .and. &
+                  all(position <= scene%surface(surface)%box_max)
+  end function lies_in_box
 
   pure integer function free_surface_of(scene, region) result(surface)
     !! The surface that takes what no other one of a region names, 0 for none.

@@ -8,13 +8,17 @@ module dosui_face_pieces
   use dosui_dimension, only: ndim, axis
   use dosui_scene, only: region_t
   use dosui_shapes, only: face_t, shape_faces, turned
+  use dosui_smooth_normals, only: mean_edge, smooth_normals
   use dosui_text, only: to_text
   use dosui_triangle_pieces, only: divide_face
   implicit none
   private
 
-  public :: region_faces, piece_count, face_piece
+  public :: region_faces, piece_count, face_piece, is_faceted
 
+  real(wp), parameter :: coarsest_facet = 4.0_wp
+  !! in spacings: facets above this are resolved and held one by one [-]
+  real(wp), parameter :: bend = 1.0e-6_wp        !! of mean normals of planes [-]
   integer, parameter :: samples = 16             !! of a piece that may be cut, per direction
   real(wp), parameter :: pi = acos(-1.0_wp)
 
@@ -25,7 +29,7 @@ contains
     type(region_t), intent(in) :: region
     real(wp), intent(in) :: spacing   !! wanted length of a piece [m]
     type(face_t), allocatable, intent(out) :: faces(:)
-    real(wp), allocatable :: position(:, :), normal(:, :), area(:)
+    real(wp), allocatable :: position(:, :), normal(:, :), area(:), held(:, :)
     integer :: f
 
     if (region%shape /= 'stl') then
@@ -40,8 +44,35 @@ contains
       faces(f)%piece_position = position(axis, :)
       faces(f)%piece_normal = normal(axis, :)
       faces(f)%piece_area = area
+      held = normal
+      if (mean_edge(region%body, f) <= coarsest_facet*spacing) then
+        call smooth_normals(region%body, f, position, normal, held)
+      end if
+      faces(f)%piece_held = held(axis, :)
     end do
   end subroutine region_faces
+
+  pure logical function is_faceted(region, name, spacing)
+    !! Does a bent face, by its name, of a triangulated body have facets so large that the pieces
+    !! keep their own normals?
+    type(region_t), intent(in) :: region
+    character(len=*), intent(in) :: name
+    real(wp), intent(in) :: spacing   !! of the pieces [m]
+    real(wp) :: mean(3)
+    integer, allocatable :: members(:)
+    integer :: f, t
+
+    is_faceted = .false.
+    if (region%shape /= 'stl') return
+    do f = 1, region%body%n_face
+      members = pack([(t, t=1, region%body%n_triangle)], region%body%face == f)
+      if (name /= 'face'//to_text(f) .and. name /= 'all' .and. &
+          name /= region%solid(region%body%solid(members(1)))) cycle
+      mean = matmul(region%body%normal(:, members), region%body%area(members))
+      if (norm2(mean) > (1.0_wp - bend)*sum(region%body%area(members))) cycle
+      is_faceted = is_faceted .or. mean_edge(region%body, f) > coarsest_facet*spacing
+    end do
+  end function is_faceted
 
   pure integer(i8) function piece_count(face, spacing) result(count)
     !! Number of pieces of a face, those outside its cuts included.

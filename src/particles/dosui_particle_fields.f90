@@ -2,6 +2,7 @@
 module dosui_particle_fields
   use dosui_dimension, only: ndim, nsig
   use dosui_point_set, only: point_set_t
+  use dosui_surface_sets, only: set_width
   implicit none
   private
 
@@ -35,8 +36,8 @@ module dosui_particle_fields
     integer :: position_at_build = 0  !! if bodies deform [m]
     integer :: normal = 0             !! outward unit normal [-]
     integer :: area = 0               !! of the piece [m2, m in 2-D, 1 in 1-D]
-    integer :: surface = 0            !! index into the scene's surfaces, 0: unnamed
-    integer :: patch = 0              !! distinct for each region face and surface
+    integer :: surface = 0            !! set of the scene's surfaces (dosui_surface_sets), 0: none
+    integer :: patch = 0              !! distinct for each region face and what acts on it
     integer :: outward_area = 0       !! area times normal as they are now, updated mode [m2]
     integer :: displacement = 0       !! [m]
     integer :: velocity = 0           !! [m/s]
@@ -44,6 +45,7 @@ module dosui_particle_fields
     integer :: reference_area = 0     !! outward area before any deformation, finite strains [m2]
     integer :: has_head = 0           !! 1 where a point that may switch has a head now [-]
     integer :: material = 0           !! of the region, in scenes with suction [-]
+    integer :: held = 0               !! normal that walls hold, of triangulated bodies [-]
     integer :: free = 0               !! the free surface it is or may become part of, 0: none
   end type surface_handles_t
 
@@ -58,6 +60,8 @@ module dosui_particle_fields
     logical :: unsaturated = .false.   !! suction empties pores
     logical :: finds_surface = .false. !! free surfaces are found as bodies move
     integer :: n_state = 0             !! state variables of the materials
+    integer :: n_surface = 0           !! surfaces that the scene names
+    logical :: triangulated = .false.  !! facets stand for smooth surfaces
   end type field_needs_t
 
 contains
@@ -109,7 +113,7 @@ contains
     handles%position = set%add('position', 'm', ndim, yes, yes, no, yes)
     handles%normal = set%add('normal', '-', ndim, yes, yes, no, yes)
     handles%area = set%add('area', 'm2', 1, yes, yes, no, yes)
-    handles%surface = set%add('surface', '-', 1, yes, yes, no, yes)
+    handles%surface = set%add('surfaces', '-', set_width(needs%n_surface), yes, yes, no, yes)
     handles%patch = set%add('patch', '-', 1, yes, yes, no, yes)
     handles%displacement = set%add('displacement', 'm', ndim, yes, no, no, yes)
     handles%velocity = set%add('velocity', 'm/s', ndim, yes, no, no, yes)
@@ -118,6 +122,7 @@ contains
     if (needs%updated) handles%outward_area = set%add('outward_area', 'm2', ndim, yes, no, no, yes)
     if (needs%switching) handles%has_head = set%add('has_head', '-', 1, yes, yes, no, yes)
     if (needs%unsaturated) handles%material = set%add('material', '-', 1, yes, yes, no, yes)
+    if (needs%triangulated) handles%held = set%add('held', '-', ndim, yes, no, no, yes)
     if (needs%finds_surface) handles%free = set%add('free', '-', 1, yes, no, no, yes)
     if (.not. needs%finite) return
     handles%deformation = set%add('deformation', '-', ndim*ndim, yes, no, no, yes)

@@ -28,6 +28,7 @@ module dosui_shapes
     real(wp), allocatable :: piece_position(:, :)   !! (ndim, n) of triangulated faces [m]
     real(wp), allocatable :: piece_normal(:, :)     !! (ndim, n) outward [-]
     real(wp), allocatable :: piece_area(:)          !! (n) [m2]
+    real(wp), allocatable :: piece_held(:, :)       !! (ndim, n) normals that walls hold [-]
   end type face_t
 
 contains

@@ -20,6 +20,8 @@ module dosui_force_balance
   implicit none
   private
 
+  real(wp), parameter :: round_off = 1.0e-13_wp   !! of all forces, and of momenta over the step [-]
+
   public :: want_forces, begin_forces, book_sources, book_surface_forces, book_reactions, &
             keep_undamped, book_rigid_wall, book_held_by_walls, close_step, close_rest, force_row
 
@@ -59,6 +61,19 @@ contains
       end do
     end associate
   end function momentum_of
+
+  pure real(wp) function sum_of_momenta(model) result(total)
+    !! Sum of the magnitudes of the particles' momenta [kg m/s].
+    type(model_t), intent(in) :: model
+    integer :: p
+
+    total = 0.0_wp
+    associate (field => model%particles%field, h => model%p)
+      do p = 1, model%particles%count
+        total = total + field(h%mass)%values(1, p)*norm2(field(h%velocity)%values(:, p))
+      end do
+    end associate
+  end function sum_of_momenta
 
   subroutine find_centres(model)
     !! Centres of the surfaces that hold, where their points were at the start. Collective.
@@ -262,6 +277,7 @@ contains
     associate (reactions => model%reactions, total => model%reactions%total)
       call add_weight(model)
       total(:, of_inertia) = (momentum_of(model) - reactions%momentum)/dt
+      if (.not. present(at_start)) reactions%noise = sum_of_momenta(model)/dt
       do i = 1, model%grid%n_node
         if (.not. model%grid%node_map%is_owned(i)) cycle
         force = model%nodal(2 + ndim:, i)
@@ -360,6 +376,7 @@ contains
     type(model_t), intent(inout) :: model
     real(wp), allocatable :: row(:)
     real(wp), allocatable :: sums(:)
+    real(wp) :: missing
     integer :: k, n
 
     n = model%reactions%n
@@ -370,14 +387,17 @@ contains
         row = [(ieee_value(1.0_wp, ieee_quiet_nan), k=1, reactions%n_column())]
         return
       end if
-      sums = [reactions%force, reactions%moment, reactions%total, reactions%gross]
+      sums = [reactions%force, reactions%moment, reactions%total, reactions%noise, reactions%gross]
       call model%comm%sum_array(sums)
-      reactions%row_total(:, :n_total) = reshape(sums(n*(ndim + 3) + 1:), [ndim, n_total])
+      reactions%row_total(:, :n_total) = reshape(sums(n*(ndim + 3) + 1:size(sums) - 2), &
+                                                 [ndim, n_total])
       reactions%row_total(:, n_total + 1) = sum(reshape(sums(:ndim*n), [ndim, n]), dim=2)
+      missing = norm2(sum(reactions%row_total, dim=2) - &
+                      2.0_wp*reactions%row_total(:, of_inertia))
       reactions%row_error = 0.0_wp
-      if (sums(size(sums)) > 0.0_wp) reactions%row_error = norm2(sum(reactions%row_total, dim=2) - &
-                                                                 2.0_wp*reactions%row_total(:, &
-                                                              of_inertia))/sums(size(sums))
+      associate (noise => sums(size(sums) - 1), gross => sums(size(sums)))
+        if (missing > round_off*(gross + noise)) reactions%row_error = missing/gross
+      end associate
       reactions%row_time = model%clock%time
       reactions%largest_error = max(reactions%largest_error, reactions%row_error)
       reactions%is_known = .false.

@@ -272,7 +272,7 @@ module dosui_scene
     character(len=:), allocatable :: name
     !! stem of the files; default: name of the scene's folder or file
     character(len=:), allocatable :: directory       !! default: working directory
-    real(wp) :: history_interval = 0.0_wp            !! [s]; 0: about 1000 entries over the run
+    real(wp) :: history_interval = 0.0_wp            !! [s]; 0: every step, explicit 1000 in all
     integer :: checkpoint_steps = 0                  !! 0: off
     real(wp) :: checkpoint_minutes = 0.0_wp          !! 0: off
     real(wp) :: progress_seconds = 5.0_wp            !! wall time between progress lines [s]

@@ -29,6 +29,7 @@ module dosui_reactions
     real(wp), allocatable :: moment(:, :)      !! (3, n) likewise, x y z [N m]
     real(wp) :: total(ndim, n_total) = 0.0_wp  !! other forces [N]
     real(wp) :: gross = 0.0_wp                 !! sum of the magnitudes of all forces [N]
+    real(wp) :: noise = 0.0_wp   !! momenta over the step: their round-off passes for forces [N]
     real(wp) :: gravity(ndim) = 0.0_wp         !! that the weight is made of [m/s2]
     real(wp) :: shaking(ndim) = 0.0_wp         !! likewise of the base's motion [m/s2]
     real(wp) :: momentum(ndim) = 0.0_wp        !! of the particles before the step [kg m/s]
@@ -119,6 +120,7 @@ contains
     self%moment = 0.0_wp
     self%total = 0.0_wp
     self%gross = 0.0_wp
+    self%noise = 0.0_wp
     if (allocated(self%undamped)) deallocate (self%undamped)
     if (allocated(self%by_walls)) deallocate (self%by_walls, self%holder)
     if (self%n == self%n_surface) return

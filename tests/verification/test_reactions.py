@@ -203,7 +203,9 @@ def test_friction_on_a_wall(dosui: Runner) -> None:
         "mass",
     )
     assert np.all(error <= 1e-11)
-    assert np.abs(tangent[1:] + friction * normal[1:]).max() <= 1e-9 * normal.max()
+    assert np.all(np.abs(tangent) <= friction * normal * (1.0 + 1e-9) + 1e-9 * normal.max())
+    slides = time > 0.1  # at first edges bulge against the slope
+    assert np.abs(tangent + friction * normal)[slides].max() <= 1e-9 * normal.max()
     step = np.diff(time)
     mean = (normal[1:] * step).sum() / step.sum()
     assert mean == pytest.approx(mass[0] * GRAVITY * math.cos(angle), rel=2e-2)
@@ -233,14 +235,14 @@ def test_ranks_and_restart(dosui: Runner, integrator: str) -> None:
 def test_rows_of_implicit_runs(dosui: Runner) -> None:
     """Every step of a long run has its row, and the file grows with them; an interval thins them;
     explicit runs show their first steps."""
-    text = column("quasi_static", 600.0).replace("&time", "&time time_step = 1.0")
+    text = column("quasi_static", 1300.0).replace("&time", "&time time_step = 1.0")
     text = text.replace("spacing = 0.125", "spacing = 0.25")
     time, base = columns(dosui(text), "column", "time", "reaction_base_z")
-    assert np.allclose(time, np.arange(601.0), rtol=0.0, atol=1e-6)
+    assert np.allclose(time, np.arange(1301.0), rtol=0.0, atol=1e-6)
     assert np.abs(base - WEIGHT - LOAD).max() <= 1e-9 * WEIGHT
     text = text.replace("&output", "&output history_interval = 100.0")
     time, base = columns(dosui(text, folder="thin"), "column", "time", "reaction_base_z")
-    assert np.allclose(time, np.arange(0.0, 601.0, 100.0), rtol=0.0, atol=1e-6)
+    assert np.allclose(time, np.arange(0.0, 1301.0, 100.0), rtol=0.0, atol=1e-6)
     assert np.abs(base - WEIGHT - LOAD).max() <= 1e-9 * WEIGHT
     text = column("explicit", 0.2).replace("spacing = 0.125", "spacing = 0.25")
     step = dosui(text, folder="explicit").history("column", "step")

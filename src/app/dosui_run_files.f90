@@ -161,7 +161,8 @@ contains
         call history%add_column('reaction_'//name//'_'//axis_name(axis(c)), &
                                 trim(force_unit(ndim)), column, err)
       end do
-      do c = 1, n_moment
+      do c = 1, size(moment_axis)
+        if (c > n_moment) exit
         call history%add_column('moment_'//name//'_'//axis_name(moment_axis(c)), &
                                 trim(moment_unit(ndim)), column, err)
       end do

@@ -561,9 +561,7 @@ contains
   subroutine say_forces(model)
     !! The balance of forces in the last row of the histories, parts that are zero left out.
     type(model_t), intent(in) :: model
-    character(len=12), parameter :: part(n_total + 1) = &
-      [character(len=12) :: 'loads', 'weight', 'shaking', 'sources', 'damping', 'light nodes', &
-       'inertia', 'walls']
+    character(len=12) :: part(n_total + 1)
     integer, parameter :: order(n_total + 1) = [of_loads, of_weight, of_shaking, of_sources, &
                                                 n_total + 1, of_damping, of_light_nodes, of_inertia]
     character(len=5), parameter :: unit(3) = [character(len=5) :: ' N/m2', ' N/m', ' N']
@@ -572,6 +570,8 @@ contains
     real(wp) :: least   ! shown [N]
     integer :: d, k
 
+    part = [character(len=12) :: 'loads', 'weight', 'shaking', 'sources', 'damping', &
+            'light nodes', 'inertia', 'walls']
     associate (reactions => model%reactions)
       if (reactions%row_time < 0.0_wp) return
       text = 'forces on the bodies at t = '//to_text(reactions%row_time, 6)//' s'

@@ -20,8 +20,8 @@ module dosui_skeleton_step
   real(wp), parameter :: light_node = 1.0e-6_wp   !! of a full cell's mass [-]
 
   public :: book_wall_impulse, finish_forces, flip_share, gather_forces, gather_loads, &
-            light_node_mass, meet_one_by_one, nodal_accelerations, start_forces, update_nodes, update_particles, &
-            zero_velocities
+            light_node_mass, meet_one_by_one, nodal_accelerations, start_forces, update_nodes, &
+            update_particles, zero_velocities
 
 contains
 

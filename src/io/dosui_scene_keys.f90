@@ -1067,7 +1067,8 @@ contains
                     fallback='the working directory'))
     call v%real(output%history_interval, &
                 key('history_interval', 'time between entries of the histories; 0: every step '// &
-                    'of implicit runs, about 1000 entries of explicit ones', unit='s', range='>= 0'))
+                    'of implicit runs, about 1000 entries of explicit ones', unit='s', &
+                    range='>= 0'))
     call v%integer(output%checkpoint_steps, &
                    key('checkpoint_steps', 'steps between checkpoints; 0: none', range='>= 0'))
     call v%real(output%checkpoint_minutes, &

@@ -5,10 +5,12 @@ module dosui_run_files
   use dosui_build_info, only: compiler, flags, git_hash, version
   use dosui_checkpoint, only: checkpoint_reader_t, checkpoint_writer_t
   use dosui_error, only: error_t
+  use dosui_force_balance, only: force_row
   use dosui_history, only: history_t
   use dosui_keys, only: pack_key, unpack_key
   use dosui_model, only: model_t
   use dosui_probes, only: add_probe_columns, probe_value
+  use dosui_reactions, only: moment_axis, n_moment
   use dosui_result_fields, only: field_values, points_in_space, result_fields
   use dosui_result_file, only: result_field_t, result_file_t, result_layout_t
   use dosui_scene_record, only: compare_records, write_record
@@ -21,7 +23,10 @@ module dosui_run_files
   public :: checkpoint_path
 
   integer, parameter :: step_digits = 10      !! in the names of checkpoints that are kept
-  integer, parameter :: default_rows = 1000   !! history entries when the scene gives no interval
+  integer, parameter :: default_rows = 1000   !! of explicit runs whose scene gives no interval
+  real(wp), parameter :: early_growth = 1.1_wp   !! of the time between their first rows [-]
+  integer(i8), parameter :: many_steps = 100000_i8   !! implicit runs have no row for each after it
+  integer(i8), parameter :: first_room = 16384_i8   !! rows there is room for at the start, at most
 
   character(len=1), parameter :: axis_name(3) = ['x', 'y', 'z']
 
@@ -33,6 +38,9 @@ module dosui_run_files
     character(len=:), allocatable, private :: record   !! of the scene, for checkpoints
     real(wp) :: history_interval = 0.0_wp      !! [s]
     real(wp) :: next_history = 0.0_wp          !! [s]
+    logical, private :: is_given = .true.      !! the interval is the scene's
+    logical, private :: every_step = .false.   !! as many rows as steps
+    integer(i8), private :: stride = 1_i8      !! steps a row of these
   contains
     procedure :: open => run_files_open
     procedure :: write_step => run_files_write_step
@@ -59,15 +67,19 @@ contains
     self%history_interval = model%scene%output%history_interval
     if (.not. self%history_interval > 0.0_wp) then
       self%history_interval = model%scene%time%end_time/real(default_rows, wp)
+      self%is_given = .false.
+      self%every_step = model%integrator /= 'explicit'
     end if
+    self%stride = stride_at(int(model%clock%step, i8))
     if (restarted) self%next_history = min(self%next_history, next_row(self, model%clock%time))
+    call tell_next_row(self, model)
     call define_history(self%history, model, err)
     layout%n_step_max = size(model%clock%output_time) + 2
     layout%n_point = model%comm%sum(int(model%particles%count, i8)) + model%removed
     layout%field = result_fields(model)
     layout%history = self%history%column
-    layout%history_capacity = int(model%scene%time%end_time/self%history_interval, i8) + &
-                              2_i8*size(model%clock%output_time) + 16_i8
+    layout%history_capacity = int(min(real(first_room, wp), &
+                                      model%scene%time%end_time/self%history_interval), i8) + 256_i8
     layout%scene_text = model%scene%text
     layout%scene_echo = model%scene%echo
     call add_metadata(layout)
@@ -128,6 +140,7 @@ contains
         call history%add_column('impulse_lost_'//axis_name(axis(c)), 'N s', column, err)
       end do
     end if
+    call define_forces(history, model, err)
     do c = 1, size(model%scene%surface)
       if (.not. has_area(model, c)) cycle
       call history%add_column('area_'//trim(model%scene%surface(c)%name), 'm2', column, err)
@@ -135,6 +148,34 @@ contains
     call add_probe_columns(model%scene%probe, &
                            result_fields(model), history, err)
   end subroutine define_history
+
+  subroutine define_forces(history, model, err)
+    !! Columns of the forces and moments of walls.
+    type(history_t), intent(inout) :: history
+    type(model_t), intent(in) :: model
+    type(error_t), intent(inout) :: err
+    character(len=16), parameter :: force_unit(3) = [character(len=16) :: 'N/m2', 'N/m', 'N']
+    character(len=16), parameter :: moment_unit(3) = [character(len=16) :: '', 'N m/m', 'N m']
+    character(len=:), allocatable :: name
+    integer :: c, column, k
+
+    do k = 1, model%reactions%n
+      name = trim(model%reactions%name(k))
+      if (k > model%reactions%n_surface) then   ! rigid walls may have a surface's name
+        if (any(model%reactions%name(:k - 1) == name)) name = name//'_'//to_text(k)
+      end if
+      do c = 1, ndim
+        call history%add_column('reaction_'//name//'_'//axis_name(axis(c)), &
+                                trim(force_unit(ndim)), column, err)
+      end do
+      do c = 1, size(moment_axis)
+        if (c > n_moment) exit
+        call history%add_column('moment_'//name//'_'//axis_name(moment_axis(c)), &
+                                trim(moment_unit(ndim)), column, err)
+      end do
+    end do
+    if (model%reactions%n > 0) call history%add_column('force_balance_error', '', column, err)
+  end subroutine define_forces
 
   pure logical function has_area(model, surface)
     !! Is the area of a surface among the histories?
@@ -162,14 +203,62 @@ contains
   end function momenta
 
   pure real(wp) function next_row(self, time) result(next)
-    !! When the histories get a row after a time [s].
+    !! When the histories get a row after a time [s]. Rows of explicit runs are dense at the start.
     class(run_files_t), intent(in) :: self
     real(wp), intent(in) :: time   !! [s]
     real(wp) :: intervals
 
+    next = 0.0_wp
+    if (self%every_step) return
     intervals = aint(time/self%history_interval*(1.0_wp + 1.0e-12_wp))
     next = (intervals + 1.0_wp)*self%history_interval
+    if (.not. self%is_given) next = min(next, early_growth*time)
   end function next_row
+
+  pure integer(i8) function stride_at(step) result(stride)
+    !! Steps between rows of implicit runs: 1 up to many steps, and twice as many whenever the
+    !! number of steps has doubled.
+    integer(i8), intent(in) :: step
+
+    stride = 1_i8
+    do while (step >= stride*many_steps)
+      stride = 2_i8*stride
+    end do
+  end function stride_at
+
+  subroutine tell_next_row(self, model)
+    !! Lets the integrators know which step has the next row.
+    class(run_files_t), intent(in) :: self
+    type(model_t), intent(inout) :: model
+    integer(i8) :: step
+
+    model%reactions%next_time = self%next_history
+    model%reactions%next_step = 0_i8
+    if (.not. self%every_step) return
+    step = int(model%clock%step, i8)
+    model%reactions%next_step = (step/self%stride + 1_i8)*self%stride
+    if (step == 0_i8) model%reactions%next_step = 0_i8   ! nothing is known yet about the start
+  end subroutine tell_next_row
+
+  logical function has_row(self, model)
+    !! Has the time of the next row come?
+    class(run_files_t), intent(inout) :: self
+    type(model_t), intent(inout) :: model
+    integer(i8) :: step
+
+    step = int(model%clock%step, i8)
+    if (self%every_step) then
+      has_row = mod(step, self%stride) == 0_i8
+      if (.not. has_row) return
+      if (stride_at(step) > self%stride) then
+        self%stride = stride_at(step)
+        call model%log%info('histories    from step '//to_text(step)//' on only every '// &
+                            to_text(self%stride)//'th step has a row; history_interval chooses')
+      end if
+    else
+      has_row = .not. model%clock%time < self%next_history*(1.0_wp - 1.0e-12_wp)
+    end if
+  end function has_row
 
   subroutine run_files_sample(self, model)
     !! Adds a row to the histories when its time has come. Collective.
@@ -178,8 +267,9 @@ contains
     real(wp), allocatable :: row(:), sums(:), water(:)
     integer :: k, p
 
-    if (model%clock%time < self%next_history*(1.0_wp - 1.0e-12_wp)) return
+    if (.not. has_row(self, model)) return
     self%next_history = next_row(self, model%clock%time)
+    call tell_next_row(self, model)
     sums = [0.0_wp, 0.0_wp, 0.0_wp]
     associate (field => model%particles%field, h => model%p)
       sums(1) = real(model%particles%count, wp)
@@ -197,6 +287,7 @@ contains
       row = [row, water(1:3), balance_error(water), water(4:k)]
     end if
     if (allocated(model%scene%rigid_wall)) row = [row, momenta(model)]
+    row = [row, force_row(model)]
     do k = 1, size(model%scene%surface)
       if (has_area(model, k)) row = [row, free_area(model, k)]
     end do

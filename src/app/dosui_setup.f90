@@ -14,8 +14,8 @@ module dosui_setup
   use dosui_particle_fields, only: field_needs_t, register_particle_fields, &
                                    register_surface_fields
   use dosui_retention, only: retention_t
-  use dosui_scene, only: name_length, scene_t
   use dosui_resolution, only: warn_of_thin_regions
+  use dosui_scene, only: rigid_wall_t, name_length, scene_t
   use dosui_seeding, only: region_spacing, seed_regions
   use dosui_surface_overlaps, only: check_overlaps, warn_of_overlaps
   use dosui_surface_report, only: describe_surfaces
@@ -65,6 +65,7 @@ contains
     affine = scene%mechanics%transfer == 'apic' .and. .not. model%rigid
     call model%materials%init(scene%material, err)
     call model%sources%init(scene%source, scene%local_origin)
+    if (.not. model%rigid) call prepare_reactions(model)
     model%nonlinear = model%unsaturated .or. &
                       (model%materials%is_nonlinear() .and. .not. model%rigid)
     call choose_integrator(scene, model%materials, model%spacing, model%choice)
@@ -80,6 +81,16 @@ contains
     call add_timers(model)
     call model%clock%init(scene%time)
   end subroutine setup_model
+
+  subroutine prepare_reactions(model)
+    !! The walls whose forces are reported.
+    type(model_t), intent(inout) :: model
+    type(rigid_wall_t), allocatable :: walls(:)
+
+    allocate (walls(0))
+    if (allocated(model%scene%rigid_wall)) walls = model%scene%rigid_wall
+    call model%reactions%init(model%scene%surface, model%scene%mechanical_condition, walls)
+  end subroutine prepare_reactions
 
   subroutine prepare_conditions(model)
     !! Formulas of conditions, and what suction does in each material.

@@ -13,6 +13,8 @@ module dosui_simulation
   use dosui_point_set, only: point_set_t
   use dosui_probes, only: check_probes
   use dosui_problems, only: problems_t
+  use dosui_reactions, only: n_total, of_damping, of_inertia, of_light_nodes, of_loads, &
+                             of_shaking, of_sources, of_weight
   use dosui_result_fields, only: result_fields
   use dosui_quasi_static, only: quasi_static_t
   use dosui_run_files, only: run_files_t
@@ -22,6 +24,7 @@ module dosui_simulation
   use dosui_semi_implicit, only: choose_semi_implicit_step, semi_implicit_t
   use dosui_size_report, only: report_sizes
   use dosui_setup, only: describe_model, finish_setup, seed_model, setup_model
+  use dosui_skeleton_step, only: start_forces
   use dosui_signals, only: signal_received, signals_watch
   use dosui_state_check, only: check_state, describe_particle, is_sound
   use dosui_surface_sets, only: set_width, sets_meet, wall_set
@@ -184,6 +187,7 @@ contains
       end if
       if (.not. err%failed()) call check_state(model, err)
       if (err%failed()) return
+      if (model%integrator /= 'quasi_static' .and. .not. model%rigid) call start_forces(model)
       call files%sample(model)
       call write_output(model, files, err)
       if (err%failed()) return
@@ -582,10 +586,48 @@ contains
                           to_text(real(n, wp)*real(model%clock%step, wp)/total, 3)// &
                           ', rebuilds '//to_text(model%rebuilds))
     end if
+    call say_forces(model)
     if (model%coupled) call say_balance(model, search)
     if (model%removed > 0_i8) call model%log%info('particles removed '//to_text(model%removed))
     call model%log%summary()
   end subroutine summarise
+
+  subroutine say_forces(model)
+    !! The balance of forces in the last row of the histories, parts that are zero left out.
+    type(model_t), intent(in) :: model
+    character(len=12) :: part(n_total + 1)
+    integer, parameter :: order(n_total + 1) = [of_loads, of_weight, of_shaking, of_sources, &
+                                                n_total + 1, of_damping, of_light_nodes, of_inertia]
+    character(len=5), parameter :: unit(3) = [character(len=5) :: ' N/m2', ' N/m', ' N']
+    real(wp), parameter :: round_off = 1.0e-12_wp   ! of the largest force [-]
+    character(len=:), allocatable :: text, separator
+    real(wp) :: least   ! shown [N]
+    integer :: d, k
+
+    part = [character(len=12) :: 'loads', 'weight', 'shaking', 'sources', 'damping', &
+            'light nodes', 'inertia', 'walls']
+    associate (reactions => model%reactions)
+      if (reactions%row_time < 0.0_wp) return
+      text = 'forces on the bodies at t = '//to_text(reactions%row_time, 6)//' s'
+      separator = ': '
+      least = round_off*maxval(abs(reactions%row_total))
+      do k = 1, size(order)
+        associate (force => reactions%row_total(:, order(k)))
+          if (.not. any(abs(force) > least)) cycle
+          text = text//separator//trim(part(order(k)))//' ('
+          do d = 1, ndim
+            text = text//to_text(merge(force(d), 0.0_wp, abs(force(d)) > least), 5)// &
+                   merge(') ', ', ', d == ndim)
+          end do
+        end associate
+        text = text(:len(text) - 1)
+        separator = ', '
+      end do
+      call model%log%info(text//trim(unit(ndim))//'; missing '// &
+                          to_text(reactions%row_error, 2)//' of all, at most '// &
+                          to_text(reactions%largest_error, 2)//' in a row')
+    end associate
+  end subroutine say_forces
 
   subroutine say_balance(model, search)
     !! The water's balance over the whole run, and what an error of it means. Collective.

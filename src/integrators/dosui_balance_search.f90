@@ -8,6 +8,7 @@ module dosui_balance_search
   use dosui_kinds, only: wp
   use dosui_head_operator, only: head_operator_t
   use dosui_model, only: model_t
+  use dosui_surface_sets, only: first_member
   use dosui_water_balance, only: inflow_rate
   use dosui_water_step, only: prepare_flow
   implicit none

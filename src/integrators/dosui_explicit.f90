@@ -7,10 +7,11 @@ module dosui_explicit
   use dosui_kinds, only: wp
   use dosui_damping, only: damping_fading, damping_viscous
   use dosui_error, only: error_t
+  use dosui_force_balance, only: want_forces
   use dosui_model, only: model_t
   use dosui_scene, only: name_length
   use dosui_seepage, only: seepage_t
-  use dosui_skeleton_step, only: gather_forces, update_nodes, update_particles
+  use dosui_skeleton_step, only: finish_forces, gather_forces, update_nodes, update_particles
   use dosui_state_check, only: note_fault
   use dosui_super_time_stepping, only: stages_needed
   use dosui_time_control, only: step_limit_t
@@ -30,10 +31,12 @@ contains
     type(error_t), intent(inout) :: err
 
     if (.not. model%rigid) then
+      call want_forces(model)
       call gather_forces(model)
       call update_nodes(model)
       call note_fault(model)
       call update_particles(model, err)
+      if (model%reactions%is_wanted) call finish_forces(model)
     end if
     if (.not. model%coupled) return
     if (model%rigid) call note_fault(model)

@@ -135,7 +135,7 @@ contains
   end subroutine implicit_build
 
   subroutine find_empty(model, is_empty)
-    !! Nodes that no particle strains: all weights of cells and particles there are zero.
+    !! Nodes that no particle strains and no penalty wall holds: all weights there are zero.
     type(model_t), intent(inout) :: model
     logical, intent(out) :: is_empty(:, :)
     real(wp), allocatable :: touch(:, :)
@@ -160,10 +160,36 @@ contains
         end do
       end do
     end do
+    call add_springs(model, touch)
     call model%grid%node_map%scatter_add(model%comm, ndim, touch)
     call model%grid%node_map%gather(model%comm, ndim, touch)
     is_empty = .not. touch > empty_node*model%grid%spacing**(ndim - 2)
   end subroutine find_empty
+
+  subroutine add_springs(model, touch)
+    !! Springs of penalty walls over the modulus: a wall in a cut cell can take a node out of all
+    !! strains.
+    type(model_t), intent(in) :: model
+    real(wp), intent(inout) :: touch(:, :)   !! (ndim, n_node) [m**(ndim - 2)]
+    integer, allocatable :: node(:)
+    real(wp), allocatable :: weight(:)
+    real(wp) :: spring(ndim, ndim)
+    integer :: a, e, i
+
+    associate (field => model%surface%field, h => model%s, m => model%surface%count)
+      do e = 1, size(model%surface_forces%entry_point)
+        call model%surface_forces%spring(e, model%scene%mechanical_condition, &
+                                         field(h%area)%values(1, 1:m), &
+                                         field(h%normal)%values(:, 1:m), node, weight, spring)
+        do i = 1, size(node)
+          do a = 1, ndim
+            touch(a, node(i)) = touch(a, node(i)) + &
+                                weight(i)**2*spring(a, a)/model%skeleton_modulus
+          end do
+        end do
+      end do
+    end associate
+  end subroutine add_springs
 
   subroutine find_light(model, is_light)
     !! Nodes that particles hardly touch: they keep their velocity, as in explicit steps.

@@ -19,6 +19,7 @@ module dosui_model
   use dosui_particle_fields, only: particle_handles_t, surface_handles_t
   use dosui_partition, only: partition_statistics_t
   use dosui_point_set, only: point_set_t
+  use dosui_reactions, only: reactions_t
   use dosui_retention, only: retention_t
   use dosui_scene, only: name_length, scene_t
   use dosui_sources, only: sources_t
@@ -133,6 +134,7 @@ module dosui_model
     real(wp) :: damping_start = 0.0_wp        !! of fading damping [1/s]
     integer :: damping_kind = 0
     type(balance_t) :: balance
+    type(reactions_t) :: reactions            !! forces of walls, for the histories
     real(wp) :: next_dt = 0.0_wp              !! what an adaptive integrator would take next [s]
     real(wp) :: pressure_scale = 0.0_wp       !! largest mean excess pressure so far [Pa]
     type(partition_statistics_t) :: partition

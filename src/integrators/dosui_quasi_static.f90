@@ -9,10 +9,11 @@
 !! the explicit step's own kernels makes a step. With finite strains every stage is solved by
 !! Newton's iterations, at the end of which the state is that of the stage.
 module dosui_quasi_static
-  use dosui_kinds, only: wp
+  use dosui_kinds, only: wp, i8
   use dosui_dimension, only: ndim, nsig
   use dosui_error, only: error_t
   use dosui_finite_state, only: finite_start_t, refresh_finite
+  use dosui_force_balance, only: close_rest
   use dosui_implicit_system, only: add_hourglass_forces, elastic_tangent, implicit_system_t
   use dosui_model, only: model_t
   use dosui_pore_water, only: content_change, mean_saturation, saturation_at, wet_masses
@@ -85,6 +86,7 @@ module dosui_quasi_static
     procedure, private :: move_from_start
     procedure, private :: water_residual
     procedure, private :: force_residual
+    procedure, private :: report_forces
     procedure, private :: advance_within
   end type quasi_static_t
 
@@ -165,8 +167,11 @@ contains
       if (model%coupled) then
         before = model%particles%field(model%p%pore_pressure)%values(1, 1:size(pressure))
         call add_pressure(model, pressure)
+        call self%report_forces(model, model%clock%time, motion)
         if (model%finite) call wet_masses(model, before, before + pressure)
         model%pressure_scale = max(model%pressure_scale, root_mean_square(model, pressure))
+      else
+        call self%report_forces(model, model%clock%time, motion)
       end if
       return
     end if
@@ -196,6 +201,7 @@ contains
       call add_pressure(model, pressure)
       model%pressure_scale = max(model%pressure_scale, root_mean_square(model, pressure))
     end if
+    call self%report_forces(model, model%clock%time, motion)
   end subroutine quasi_static_settle
 
   subroutine quasi_static_step(self, model, err)
@@ -801,19 +807,25 @@ contains
     real(wp), intent(in) :: pressure(:)               !! of the particles [Pa]
     real(wp), intent(in) :: motion(:, :)              !! of the nodes since the start [m]
     real(wp), allocatable, intent(inout) :: force(:, :)
+    real(wp), allocatable :: velocity(:, :)
 
     if (model%rigid) then
       force = 0.0_wp*motion
       return
     end if
-    if (model%finite) then
-      call gather_loads(model)
-      force = model%nodal(2 + ndim:, :)
-      call self%system%internal_forces(model, pressure*saturation_at(model, pressure), force)
-    else
-      call gather_forces(model)
-      force = model%nodal(2 + ndim:, :)
-    end if
+    associate (field => model%surface%field(model%s%velocity))
+      velocity = field%values
+      field%values = 0.0_wp   ! the dashpots of penalty walls belong to dynamics
+      if (model%finite) then
+        call gather_loads(model)
+        force = model%nodal(2 + ndim:, :)
+        call self%system%internal_forces(model, pressure*saturation_at(model, pressure), force)
+      else
+        call gather_forces(model)
+        force = model%nodal(2 + ndim:, :)
+      end if
+      field%values = velocity
+    end associate
     call add_hourglass_forces(model, motion, force)
   end subroutine force_residual
 
@@ -891,12 +903,38 @@ contains
       call zero_velocities(model)
       call move(model, motion/model%clock%dt, err)
     end if
+    if (model%coupled) then
+      before = model%particles%field(model%p%pore_pressure)%values(1, 1:size(pressure))
+      call add_pressure(model, pressure)
+    end if
+    call self%report_forces(model, model%clock%time + model%clock%dt, motion)
     if (.not. model%coupled) return
-    before = model%particles%field(model%p%pore_pressure)%values(1, 1:size(pressure))
-    call add_pressure(model, pressure)
     call add_to_balance(model, self%inflow, before, before + pressure)
     call wet_masses(model, before, before + pressure)
   end subroutine accept
+
+  subroutine report_forces(self, model, time, motion)
+    !! Forces of walls in an equilibrium that has been found, with its loads and masses. Collective.
+    class(quasi_static_t), intent(inout) :: self
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: time           !! of the equilibrium [s]
+    real(wp), intent(in) :: motion(:, :)   !! of the nodes that led to it [m]
+    real(wp), allocatable :: force(:, :), pressure(:)
+    real(wp) :: now
+
+    now = model%clock%time
+    call model%reactions%want(time, model%clock%dt, int(model%clock%step, i8) + &
+                              merge(1_i8, 0_i8, time > now))
+    if (.not. model%reactions%is_wanted) return
+    allocate (force, mold=motion)
+    allocate (pressure(model%particles%count), source=0.0_wp)
+    if (model%coupled) pressure = model%particles%field(model%p%pore_pressure)% &
+                                  values(1, 1:size(pressure))
+    model%clock%time = time
+    call self%force_residual(model, pressure, motion, force)
+    model%clock%time = now
+    call close_rest(model, force)
+  end subroutine report_forces
 
   subroutine finish_finite(self, model)
     !! Velocities and volume changes of a step that is accepted; the state is there already.

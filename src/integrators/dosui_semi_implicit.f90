@@ -13,15 +13,17 @@
 !! next step, when they are part of v*.
 module dosui_semi_implicit
   use dosui_kinds, only: wp
-  use dosui_dimension, only: ndim
+  use dosui_dimension, only: ndim, nsig, voigt_slot
+  use dosui_cell_average, only: cell_sums
   use dosui_error, only: error_t
   use dosui_explicit, only: damping_limit, fastest_particle
+  use dosui_force_balance, only: book_held_by_walls, book_reactions, book_rigid_wall, want_forces
   use dosui_implicit_system, only: implicit_system_t
   use dosui_model, only: balance_t, model_t
   use dosui_rigid_walls, only: correct_friction, meet_walls
   use dosui_seepage, only: seepage_t
-  use dosui_skeleton_step, only: book_wall_impulse, gather_forces, light_node_mass, update_nodes, &
-                                 update_particles
+  use dosui_skeleton_step, only: book_wall_impulse, finish_forces, gather_forces, &
+                                 light_node_mass, meet_one_by_one, update_nodes, update_particles
   use dosui_state_check, only: check_state, note_fault
   use dosui_text, only: to_text
   use dosui_time_control, only: step_limit_t
@@ -68,6 +70,7 @@ contains
     start = model%balance
     do k = 1, attempts
       failure = error_t()
+      call want_forces(model)
       call gather_forces(model)   ! damping has changed those of an attempt that failed
       model%balance = start   ! impulses of walls in an attempt that failed do not count
       if (allocated(by_walls)) deallocate (by_walls)
@@ -98,6 +101,7 @@ contains
       values(1, 1:n) = before + pressure
     end associate
     call update_particles(model, err)
+    if (model%reactions%is_wanted) call report_forces(self, model, pressure)
     allocate (rate(n), source=0.0_wp)   ! the balance needs the flow with the new pressures
     allocate (inflow(size(model%balance%inflow)))
     call water_rate(model, model%particles%field(model%p%pore_pressure)%values(1, 1:n), rate)
@@ -107,6 +111,38 @@ contains
     call seepage%start_step(model)
     call seepage%review(model, model%clock%time + model%clock%dt, before + pressure, changed)
   end subroutine semi_implicit_step
+
+  subroutine report_forces(self, model, pressure)
+    !! Forces of walls in the step. Collective.
+    class(semi_implicit_t), intent(in) :: self
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: pressure(:)   !! changes of the pressures [Pa]
+    real(wp) :: push(ndim, model%grid%n_node)
+
+    if (model%lifted) call report_lifted(model, pressure)
+    call self%system%pressure_forces(model, pressure, push)
+    call finish_forces(model, push)
+  end subroutine report_forces
+
+  subroutine report_lifted(model, pressure)
+    !! What penalty walls add to the forces of the changes of the pressures. Collective.
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: pressure(:)   !! [Pa]
+    real(wp) :: content(model%grid%n_cell), stress(nsig, model%grid%n_cell)
+    integer :: a, c
+
+    call cell_sums(size(pressure), model%cell, model%weight, pressure, size(content), content)
+    call model%grid%cell_map%scatter_add(model%comm, 1, content)
+    call model%grid%cell_map%gather(model%comm, 1, content)
+    stress = 0.0_wp
+    do c = 1, size(content)
+      if (.not. model%quadrature%measure(c) > 0.0_wp) cycle
+      do a = 1, ndim
+        stress(voigt_slot(a, a), c) = -content(c)/model%quadrature%measure(c)
+      end do
+    end do
+    call book_reactions(model, stress)
+  end subroutine report_lifted
 
   subroutine note_contacts(self, model, by_walls)
     !! Which components rigid walls hold; others than before need new equations. Collective.
@@ -156,10 +192,11 @@ contains
     type(model_t), intent(inout) :: model
     real(wp), intent(in) :: pressure(:)   !! their changes [Pa]
     real(wp), allocatable :: push(:, :), before(:, :)
-    integer :: i
+    integer :: i, k
 
     allocate (push(ndim, model%grid%n_node))
     call self%system%pressure_forces(model, pressure, push)
+    if (model%reactions%is_wanted) call book_held_by_walls(model, push)
     do i = 1, model%grid%n_node
       if (model%grid%node_map%is_owned(i)) then
         where (self%by_walls(:, i)) model%balance%wall_impulse = &
@@ -177,6 +214,15 @@ contains
                           model%velocity)
     call meet_walls(model%scene%rigid_wall, model%grid, model%velocity)
     call book_wall_impulse(model, before)
+    if (.not. model%reactions%is_wanted) return
+    model%velocity = before   ! once more, wall by wall
+    do k = 1, size(model%scene%rigid_wall)
+      before = model%velocity
+      call correct_friction(model%scene%rigid_wall(k:k), model%grid, self%taken, push, &
+                            self%by_walls, model%velocity)
+      call book_rigid_wall(model, k, model%clock%dt, before)
+    end do
+    call meet_one_by_one(model, model%clock%dt)
   end subroutine meet_again
 
   subroutine prepare(self, model, err)

@@ -1,11 +1,13 @@
 !! The skeleton's part of an explicit step: particles to grid, nodal update, grid to particles.
 module dosui_skeleton_step
-  use dosui_kinds, only: wp
+  use dosui_kinds, only: wp, i8
   use dosui_dimension, only: axis, ndim, nshear, nsig, voigt_slot
   use dosui_cell_average, only: cell_sums, cell_tensor_sums, cell_trace_sums
   use dosui_damping, only: damp_forces, damping_at, damping_none
   use dosui_error, only: error_t
   use dosui_finite_strain, only: carried_area
+  use dosui_force_balance, only: begin_forces, book_reactions, book_rigid_wall, book_sources, &
+                                 book_surface_forces, close_step, keep_undamped
   use dosui_grid_to_particle, only: grid_to_particles
   use dosui_model, only: model_t
   use dosui_particle_to_grid, only: particles_to_grid
@@ -17,22 +19,26 @@ module dosui_skeleton_step
 
   real(wp), parameter :: light_node = 1.0e-6_wp   !! of a full cell's mass [-]
 
-  public :: book_wall_impulse, gather_forces, gather_loads, light_node_mass, nodal_accelerations, &
-            update_nodes, update_particles, zero_velocities
+  public :: book_wall_impulse, finish_forces, flip_share, gather_forces, gather_loads, &
+            light_node_mass, meet_one_by_one, nodal_accelerations, start_forces, update_nodes, &
+            update_particles, zero_velocities
 
 contains
 
   subroutine gather_forces(model)
     !! Nodal mass, momentum and force of particles and surfaces, complete on every rank.
     type(model_t), intent(inout) :: model
-    real(wp), allocatable :: gravity(:)
+    real(wp) :: gravity(ndim), shaking(ndim)
 
     call model%timers%start(model%phase%to_grid)
     gravity = model%scene%gravity/model%scene%mechanics%density_scaling
+    shaking = 0.0_wp
     if (model%scene%base_motion%is_given) then
-      gravity = gravity - model%scene%base_motion%acceleration* &
+      shaking = model%scene%base_motion%acceleration* &
                 model%scene%base_motion%pattern%at(model%clock%time, spread(0.0_wp, 1, ndim))
     end if
+    if (model%reactions%is_wanted) call begin_forces(model, gravity, shaking)
+    gravity = gravity - shaking
     if (model%centred) then
       call spread_centred(model, gravity)
     else if (model%averaged) then
@@ -54,6 +60,9 @@ contains
     type(model_t), intent(inout) :: model
     real(wp), allocatable :: none(:)
 
+    if (model%reactions%is_wanted) then
+      call begin_forces(model, model%scene%gravity, spread(0.0_wp, 1, ndim))
+    end if
     associate (field => model%particles%field, h => model%p, n => model%particles%count)
       allocate (none(n), source=0.0_wp)
       call particles_to_grid(model%grid, n, model%patch, field(h%position)%values, &
@@ -93,6 +102,7 @@ contains
     call model%quadrature%forces(model%grid, model%average%cell_weight, stress, &
                                  model%nodal(2 + ndim:, :))
     if (.not. model%lifted) return
+    if (model%reactions%is_wanted) call book_reactions(model, stress)
     associate (field => model%surface%field, h => model%s, m => model%surface%count)
       call model%surface_forces%react(model%scene%mechanical_condition, &
                                       field(h%area)%values(1, 1:m), &
@@ -205,12 +215,18 @@ contains
   subroutine add_body_forces(model)
     !! Forces that the scene gives as formulas.
     type(model_t), intent(inout) :: model
+    real(wp), allocatable :: force(:, :)
 
     associate (n => model%particles%count, &
                position => model%particles%field(model%p%position)%values)
       call model%sources%add_forces(model%grid, n, model%patch, position, model%weight, &
                                     model%clock%time, model%nodal(2 + ndim:, :))
+      if (.not. model%reactions%is_wanted) return
+      allocate (force(ndim, model%grid%n_node), source=0.0_wp)
+      call model%sources%add_forces(model%grid, n, model%patch, position, model%weight, &
+                                    model%clock%time, force)
     end associate
+    call book_sources(model, force)
   end subroutine add_body_forces
 
   subroutine add_surface_forces(model)
@@ -219,6 +235,7 @@ contains
     integer :: place
 
     place = merge(model%s%position_at_build, model%s%position, model%finite)
+    if (model%reactions%is_wanted) call book_surface_forces(model, place)
     associate (field => model%surface%field, h => model%s, n => model%surface%count)
       call model%surface_forces%apply(model%comm, model%scene%mechanical_condition, &
                                       model%clock%time, field(h%area)%values(1, 1:n), &
@@ -237,6 +254,7 @@ contains
 
     call model%timers%start(model%phase%nodes)
     if (model%damping_kind /= damping_none) then
+      if (model%reactions%is_wanted) call keep_undamped(model)
       call damp_forces(model%damping_kind, &
                        damping_at(model%damping_kind, model%damping, model%damping_start, &
                                   model%clock%time), model%grid%n_node, model%nodal)
@@ -262,7 +280,11 @@ contains
     integer :: i
 
     before = model%velocity
-    call meet_walls(model%scene%rigid_wall, model%grid, model%velocity, is_held, taken)
+    if (model%reactions%is_wanted) then
+      call meet_one_by_one(model, model%clock%dt, is_held, taken)
+    else
+      call meet_walls(model%scene%rigid_wall, model%grid, model%velocity, is_held, taken)
+    end if
     if (model%relaxing) return
     call book_wall_impulse(model, before)
     do i = 1, model%grid%n_node
@@ -272,6 +294,60 @@ contains
                                    model%clock%dt*model%nodal(2 + ndim:, i)
     end do
   end subroutine meet_rigid_walls
+
+  subroutine meet_one_by_one(model, dt, is_held, taken)
+    !! As `meet_walls`, and books the force of every wall.
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: dt                          !! [s]
+    logical, intent(inout), optional :: is_held(:, :)   !! as from `meet_walls`
+    real(wp), intent(inout), optional :: taken(:, :)    !! likewise [m/s]
+    real(wp), allocatable :: before(:, :)
+    integer :: k
+
+    do k = 1, size(model%scene%rigid_wall)
+      before = model%velocity
+      call meet_walls(model%scene%rigid_wall(k:k), model%grid, model%velocity, is_held, taken)
+      call book_rigid_wall(model, k, dt, before)
+      if (.not. present(is_held)) cycle
+      where (is_held .and. model%reactions%holder == 0) model%reactions%holder = k
+    end do
+  end subroutine meet_one_by_one
+
+  subroutine finish_forces(model, push)
+    !! After a step whose forces are wanted: what the walls' are.
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in), optional :: push(:, :)   !! later forces on nodes [N]
+
+    call close_step(model, model%clock%dt, flip_share(model), light_node_mass(model), push)
+  end subroutine finish_forces
+
+  subroutine start_forces(model)
+    !! Forces before the first step: of a body that begins to move. Collective.
+    type(model_t), intent(inout) :: model
+    real(wp), parameter :: second = 1.0_wp   ! accelerations are velocities after it [s]
+
+    call model%reactions%want(model%clock%time, second, 0_i8)
+    if (.not. model%reactions%is_wanted) return
+    call gather_forces(model)
+    model%nodal(2:1 + ndim, :) = 0.0_wp
+    call advance_velocities(model%grid%n_node, second, light_node_mass(model), model%inertia, &
+                            model%nodal, model%velocity_old, model%velocity)
+    call model%nodal_conditions%apply(model%comm, model%scene%mechanical_condition, model%grid, &
+                                      model%clock%time, second, &
+                                      max(model%nodal(1, :), model%inertia), model%velocity_old, &
+                                      model%velocity, at_rest=.true.)
+    if (allocated(model%scene%rigid_wall)) call meet_one_by_one(model, second)
+    call close_step(model, second, flip_share(model), light_node_mass(model), at_start=.true.)
+  end subroutine start_forces
+
+  pure real(wp) function flip_share(model) result(flip)
+    !! Share of the nodes' increments in the particles' new velocities [-].
+    type(model_t), intent(in) :: model
+
+    flip = 0.0_wp
+    if (model%scene%mechanics%transfer == 'flip') flip = 1.0_wp
+    if (model%scene%mechanics%transfer == 'blend') flip = model%scene%mechanics%flip_fraction
+  end function flip_share
 
   subroutine book_wall_impulse(model, before)
     !! The impulse of rigid walls that changed nodal velocities.
@@ -400,9 +476,7 @@ contains
     logical :: moves
 
     moves = model%updated .and. .not. model%relaxing
-    flip = 0.0_wp
-    if (model%scene%mechanics%transfer == 'flip') flip = 1.0_wp
-    if (model%scene%mechanics%transfer == 'blend') flip = model%scene%mechanics%flip_fraction
+    flip = flip_share(model)
     associate (field => model%particles%field, h => model%p, n => model%particles%count)
       if (h%affine > 0) then
         call grid_to_particles(model%grid, n, model%patch, model%clock%dt, flip, &

@@ -8,6 +8,7 @@ module dosui_state_check
   use dosui_finite_strain, only: invert
   use dosui_model, only: model_t
   use dosui_point_set, only: field_t, point_set_t
+  use dosui_surface_sets, only: first_member
   use dosui_text, only: to_text
   implicit none
   private

@@ -6,7 +6,7 @@ module dosui_history
   private
 
   type, public :: history_column_t
-    character(len=64) :: name = ''   !! becomes the name of a dataset
+    character(len=96) :: name = ''   !! becomes the name of a dataset
     character(len=16) :: unit = ''   !! '' for a pure number
   end type history_column_t
 

@@ -299,8 +299,8 @@ contains
     call comm%broadcast(n_new)
     if (n_new(1) == 0_i8) return
     if (self%n_history + n_new(1) > self%layout%history_capacity) then
-      call err%set('there is no room for more history rows in '//self%path)
-      return
+      call grow_histories(self, comm, 2_i8*(self%n_history + n_new(1)), err)
+      if (err%failed()) return
     end if
     n = int(n_new(1))
     if (self%n_history + n > self%row_capacity) then
@@ -323,6 +323,62 @@ contains
     call comm%agree(err)
     call history%clear()
   end subroutine result_write_history
+
+  subroutine grow_histories(self, comm, capacity, err)
+    !! Moves the histories to larger arrays in a new group, to which the link /History turns when
+    !! it is complete.
+    type(result_file_t), intent(inout) :: self
+    type(communicator_t), intent(in) :: comm
+    integer(i8), intent(in) :: capacity   !! rows there will be room for
+    type(error_t), intent(inout) :: err
+    character(len=*), parameter :: place = '/Commits/History'
+    integer(hid_t) :: group
+    integer :: k
+
+    self%layout%history_capacity = capacity
+    call hdf5_create_group(self%file%id, place, group, err)
+    call hdf5_write_attribute(group, 'n_entries', self%n_history, err)
+    call build_histories(self%layout, comm, group, err)
+    if (comm%is_root()) then
+      do k = 1, size(self%history)
+        call copy_column(self%history(k), group, trim(self%layout%history(k)%name), &
+                         int(self%n_history), err)
+      end do
+    end if
+    call comm%agree(err)
+    if (err%failed()) return
+    call self%file%flush(err)
+    do k = 1, size(self%history)
+      call hdf5_close_dataset(self%history(k), err)
+    end do
+    call hdf5_close_group(self%history_group, err)
+    call hdf5_remove_link(self%file%id, 'History', err)
+    call hdf5_create_hard_link(self%file%id, place, self%file%id, 'History', err)
+    call self%file%flush(err)
+    call hdf5_remove_link(self%file%id, place, err)
+    self%history_group = group
+    do k = 1, size(self%history)
+      call hdf5_open_dataset(self%history_group, trim(self%layout%history(k)%name), &
+                             self%history(k), err)
+    end do
+    call comm%agree(err)
+  end subroutine grow_histories
+
+  subroutine copy_column(source, group, name, n, err)
+    !! Copies the first rows of a history to the dataset of this name in a group.
+    integer(hid_t), intent(in) :: source, group
+    character(len=*), intent(in) :: name
+    integer, intent(in) :: n
+    type(error_t), intent(inout) :: err
+    real(wp), allocatable :: column(:)
+    integer(hid_t) :: dataset
+
+    allocate (column(n))
+    call hdf5_open_dataset(group, name, dataset, err)
+    call hdf5_read_rows(source, 1_i8, n, column, err)
+    call hdf5_write_rows(dataset, 1_i8, n, column, err)
+    call hdf5_close_dataset(dataset, err)
+  end subroutine copy_column
 
   subroutine result_close(self, comm, err)
     !! Ends the file. Without any step it stays under its .part name.

@@ -278,7 +278,7 @@ module dosui_scene
     character(len=:), allocatable :: name
     !! stem of the files; default: name of the scene's folder or file
     character(len=:), allocatable :: directory       !! default: working directory
-    real(wp) :: history_interval = 0.0_wp            !! [s]; 0: about 1000 entries over the run
+    real(wp) :: history_interval = 0.0_wp            !! [s]; 0: every step, explicit 1000 in all
     integer(i8) :: checkpoint_steps = 0_i8           !! 0: off
     real(wp) :: checkpoint_minutes = 0.0_wp          !! 0: off
     logical :: checkpoint_at_outputs = .false.       !! one each, all of them kept

@@ -1102,8 +1102,9 @@ contains
                 key('directory', 'where the files go', longest=4000, restart=restart_content, &
                     fallback='the working directory'))
     call v%real(output%history_interval, &
-                key('history_interval', 'time between entries of the histories; 0: about 1000 '// &
-                    'entries over the run', unit='s', range='>= 0'))
+                key('history_interval', 'time between entries of the histories; 0: every step '// &
+                    'of implicit runs, about 1000 entries of explicit ones', unit='s', &
+                    range='>= 0'))
     call v%long(output%checkpoint_steps, &
                 key('checkpoint_steps', 'steps between checkpoints; 0: none', range='>= 0'))
     call v%real(output%checkpoint_minutes, &

@@ -27,10 +27,12 @@ module dosui_nodal_conditions
     integer, allocatable :: condition(:)       !! the mechanical condition it comes from
     real(wp), allocatable :: outward(:)        !! sign of the surface's outward normal [-]
     logical, allocatable :: plate(:)           !! constraint belongs to a rigid plate
+    logical, allocatable :: faces(:)           !! its surface faces the constrained direction
     integer, allocatable :: plate_condition(:) !! conditions that are plates on nodes
   contains
     procedure :: init => nodal_conditions_init
     procedure :: apply => nodal_conditions_apply
+    procedure :: holders => nodal_conditions_holders
   end type nodal_conditions_t
 
 contains
@@ -67,8 +69,10 @@ contains
     integer :: c, p, direction, k
 
     if (allocated(self%node)) deallocate (self%node, self%direction, self%condition, &
-                                          self%outward, self%plate, self%plate_condition)
-    allocate (self%node(0), self%direction(0), self%condition(0), self%outward(0), self%plate(0))
+                                          self%outward, self%plate, self%faces, &
+                                          self%plate_condition)
+    allocate (self%node(0), self%direction(0), self%condition(0), self%outward(0), self%plate(0), &
+              self%faces(0))
     self%n_constraint = 0
     self%plate_condition = pack([(c, c=1, size(conditions))], conditions%kind == 'plate')
     allocate (mark(ndim, grid%n_node), beside(ndim, grid%n_node), own(ndim, grid%n_node))
@@ -142,6 +146,7 @@ contains
       self%outward = [self%outward, &
                       [(sign(1.0_wp, mark(direction, nodes(k))), k=1, size(nodes))]]
       self%plate = [self%plate, spread(condition%kind == 'plate', 1, size(nodes))]
+      self%faces = [self%faces, spread(component == direction, 1, size(nodes))]
     end do
     self%n_constraint = size(self%node)
   end subroutine add_constraints
@@ -201,4 +206,37 @@ contains
       velocity(self%direction(k), self%node(k)) = prescribed
     end do
   end subroutine nodal_conditions_apply
+
+  pure subroutine nodal_conditions_holders(self, conditions, holder)
+    !! Which constraint takes the force on each component of the nodes. Of two at rest it is that
+    !! of the surface that faces the component, else the later one, which is in force.
+    class(nodal_conditions_t), intent(in) :: self
+    type(mechanical_condition_t), intent(in) :: conditions(:)
+    integer, intent(out) :: holder(:, :)   !! (ndim, n_node) constraint, 0: none
+    integer :: k
+
+    holder = 0
+    do k = 1, self%n_constraint
+      associate (before => holder(self%direction(k), self%node(k)))
+        if (before > 0) then
+          if (self%faces(before) .and. .not. self%faces(k) .and. rests(before) .and. rests(k)) cycle
+        end if
+        before = k
+      end associate
+    end do
+
+  contains
+
+    pure logical function rests(constraint)
+      !! Does a constraint keep its component still?
+      integer, intent(in) :: constraint
+
+      associate (condition => conditions(self%condition(constraint)))
+        rests = condition%kind == 'roller' .or. condition%kind == 'fixed'
+        if (condition%kind == 'velocity') then
+          rests = .not. abs(condition%value(self%direction(constraint))) > 0.0_wp
+        end if
+      end associate
+    end function rests
+  end subroutine nodal_conditions_holders
 end module dosui_nodal_conditions

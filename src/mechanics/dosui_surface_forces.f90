@@ -199,7 +199,7 @@ contains
   end subroutine keep_usable
 
   subroutine surface_forces_apply(self, comm, conditions, time, area, position, normal, &
-                                  displacement, velocity, force)
+                                  displacement, velocity, force, only)
     !! Adds the forces of tractions and walls to the nodal forces. Collective when a plate is
     !! imposed by penalty: the plate's displacement follows from its equilibrium.
     class(surface_forces_t), intent(in) :: self
@@ -212,6 +212,7 @@ contains
     real(wp), intent(in) :: displacement(ndim, self%n_point)     !! of the surface points [m]
     real(wp), intent(in) :: velocity(ndim, self%n_point)         !! of the surface points [m/s]
     real(wp), intent(inout) :: force(:, :)                       !! (ndim, n_node) nodal forces [N]
+    integer, intent(in), optional :: only                        !! one of the conditions
     real(wp), allocatable :: plate_displacement(:)
     real(wp) :: traction(ndim)
     integer :: e, p, c, k
@@ -221,6 +222,9 @@ contains
     do e = 1, size(self%entry_point)
       p = self%entry_point(e)
       c = self%entry_condition(e)
+      if (present(only)) then
+        if (c /= only) cycle
+      end if
       traction = point_traction(conditions(c), time, position(:, p), normal(:, p), &
                                 self%held(:, p), displacement(:, p), velocity(:, p), &
                                 self%stiffness, self%damping, plate_displacement(c))
@@ -496,7 +500,7 @@ contains
     end if
   end function wall_velocity
 
-  pure subroutine surface_forces_react(self, conditions, area, normal, stress, force)
+  pure subroutine surface_forces_react(self, conditions, area, normal, stress, force, only)
     !! Adds the walls' reactions to the mean stresses of their cells: the adjoint of `lift`.
     class(surface_forces_t), intent(in) :: self
     type(mechanical_condition_t), intent(in) :: conditions(:)
@@ -504,12 +508,16 @@ contains
     real(wp), intent(in) :: normal(ndim, self%n_point)    !! outward [-]
     real(wp), intent(in) :: stress(:, :)                  !! (nsig, n_cell) total [Pa]
     real(wp), intent(inout) :: force(:, :)                !! (ndim, n_node) nodal forces [N]
+    integer, intent(in), optional :: only                 !! one of the conditions
     real(wp) :: traction(ndim)
     integer :: e, p, c, a, b, k
 
     do e = 1, size(self%entry_point)
       p = self%entry_point(e)
       c = self%entry_condition(e)
+      if (present(only)) then
+        if (c /= only) cycle
+      end if
       if (.not. is_lifted(conditions(c)%kind)) cycle
       do k = 1, self%n_part
         if (self%cell(k, p) == 0) cycle

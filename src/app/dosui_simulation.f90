@@ -258,10 +258,10 @@ contains
   pure logical function is_due(model, check_interval) result(due)
     !! Is the state to be looked at after this step? Now and then, and before it is written.
     type(model_t), intent(in) :: model
-    integer, intent(in) :: check_interval   !! steps
+    integer(i8), intent(in) :: check_interval   !! steps
 
     associate (step => model%clock%step, every => model%scene%output%checkpoint_steps)
-      due = mod(step, check_interval) == 0 .or. model%clock%at_output() .or. &
+      due = mod(step, check_interval) == 0_i8 .or. model%clock%at_output() .or. &
             step >= model%scene%time%maximum_steps
       if (every > 0) due = due .or. mod(step, every) == 0
     end associate

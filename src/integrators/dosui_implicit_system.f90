@@ -180,7 +180,7 @@ contains
       do e = 1, size(model%surface_forces%entry_point)
         call model%surface_forces%spring(e, model%scene%mechanical_condition, &
                                          field(h%area)%values(1, 1:m), &
-                                         field(h%normal)%values(:, 1:m), node, weight, spring)
+                                         node, weight, spring)
         do i = 1, size(node)
           do a = 1, ndim
             touch(a, node(i)) = touch(a, node(i)) + &

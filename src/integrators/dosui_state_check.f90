@@ -66,7 +66,7 @@ contains
     do i = 1, model%grid%n_node
       if (all(abs(model%velocity(:, i)) <= largest)) cycle
       call model%fault%set('the force on the body at '// &
-                           place_of(model%grid%origin + model%grid%spacing* &
+                           place_of(model, model%grid%origin + model%grid%spacing* &
                                     real(model%grid%node_index(:, i), wp))// &
                            ' is not a finite number '//moment(model, .true.)// &
                            ': see loads, sources and prescribed motions')

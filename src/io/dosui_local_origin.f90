@@ -6,10 +6,9 @@
 !! miss their grid lines. The distance is therefore rounded to the decimals that the
 !! coordinate had, if that changes it by no more than the coordinate was rounded to begin with.
 module dosui_local_origin
-  use dosui_kinds, only: wp, i8
+  use dosui_kinds, only: wp
   use dosui_dimension, only: ndim
-  use dosui_keys, only: largest_index
-  use dosui_scene, only: hole_t, region_t, scene_t
+  use dosui_scene, only: hole_t, pattern_t, region_t, scene_t
   use dosui_shapes, only: shape_bounds
   implicit none
   private
@@ -193,6 +192,19 @@ contains
     end do
   end subroutine move_holes
 
+  pure subroutine move_level(pattern, origin, value, datum)
+    !! A level of water that nothing varies moves itself; of others the datum does.
+    type(pattern_t), intent(in) :: pattern
+    real(wp), intent(in) :: origin          !! [m]
+    real(wp), intent(inout) :: value, datum !! [m]
+
+    if (allocated(pattern%formula) .or. allocated(pattern%factor%time)) then
+      datum = origin
+    else
+      value = distance_from(origin, value)
+    end if
+  end subroutine move_level
+
   subroutine move_levels(scene)
     !! Levels of water and ground, heads, and the places of formulas.
     type(scene_t), intent(inout) :: scene
@@ -210,13 +222,16 @@ contains
     do k = 1, size(scene%mechanical_condition)
       associate (condition => scene%mechanical_condition(k))
         condition%pattern%origin = scene%local_origin
-        if (condition%kind == 'reservoir') condition%datum = level
+        if (condition%kind == 'reservoir') call move_level(condition%pattern, level, &
+                                                           condition%value(1), condition%datum)
       end associate
     end do
     do k = 1, size(scene%hydraulic_condition)
       associate (condition => scene%hydraulic_condition(k))
         condition%pattern%origin = scene%local_origin
-        if (condition%kind == 'head' .or. condition%kind == 'reservoir') condition%datum = head
+        if (condition%kind == 'head' .or. condition%kind == 'reservoir') then
+          call move_level(condition%pattern, head, condition%value, condition%datum)
+        end if
       end associate
     end do
   end subroutine move_levels

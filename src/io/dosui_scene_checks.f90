@@ -19,7 +19,7 @@ module dosui_scene_checks
 
   type, public :: checker_t
     !! Finds the line of what a check complains about.
-    type(namelist_t) :: namelist
+    type(namelist_t), pointer :: namelist => null()   !! not a copy: it may hold millions of values
     type(problems_t) :: problems
     character(len=:), allocatable :: choice   !! a remark on every problem; unallocated: none
   contains
@@ -33,11 +33,11 @@ contains
     !! All checks that need no particles. Corners of clockwise polygons are put in counter-clockwise
     !! order.
     type(scene_t), intent(inout) :: scene
-    type(namelist_t), intent(in) :: namelist
+    type(namelist_t), intent(in), target :: namelist
     type(problems_t), intent(inout) :: problems
     type(checker_t) :: checker
 
-    checker%namelist = namelist
+    checker%namelist => namelist
     checker%problems = problems
     call check_names(checker, scene)
     call check_references(checker, scene)
@@ -590,13 +590,13 @@ contains
   subroutine check_body_faces(scene, namelist, problems)
     !! Faces of bodies that came from files after all other checks.
     type(scene_t), intent(in) :: scene
-    type(namelist_t), intent(in) :: namelist
+    type(namelist_t), intent(in), target :: namelist
     type(problems_t), intent(inout) :: problems
     type(checker_t) :: checker
     character(len=name_length), allocatable :: faces(:)
     integer :: s, r, k
 
-    checker%namelist = namelist
+    checker%namelist => namelist
     checker%problems = problems
     do s = 1, size(scene%surface)
       r = findloc(scene%region%name == scene%surface(s)%region, .true., dim=1)

@@ -35,7 +35,7 @@ module dosui_scene_reader
   type, extends(key_visitor_t) :: reader_t
     !! Takes the values of one group instance from the namelist.
     character(len=:), allocatable :: file
-    type(namelist_group_t) :: group
+    type(namelist_group_t), pointer :: group => null()
     logical, allocatable :: is_known(:)                     !! of the keys of the group
     character(len=name_length), allocatable :: key_names(:) !! of keys that could be given ...
     integer :: n_key_name = 0                               !! ... the first so many
@@ -81,7 +81,7 @@ contains
     character(len=*), intent(in), optional :: directory   !! replaces that of the scene
     character(len=:), allocatable :: text, reason, stem
     type(error_t) :: read_error
-    type(namelist_t) :: namelist
+    type(namelist_t), target :: namelist
 
     if (comm%is_root()) call read_text_file(path, text, read_error)
     call comm%agree(read_error)
@@ -378,7 +378,7 @@ contains
     type(problems_t), intent(inout) :: problems
     character(len=*), intent(in), optional :: stem        !! default name of the files
     character(len=*), intent(in), optional :: directory   !! replaces that of the scene
-    type(namelist_t) :: namelist
+    type(namelist_t), target :: namelist
 
     call parse_groups(text, file, scene, problems, namelist, stem, directory)
   end subroutine parse_scene
@@ -388,7 +388,7 @@ contains
     character(len=*), intent(in) :: text, file
     type(scene_t), intent(out) :: scene
     type(problems_t), intent(inout) :: problems
-    type(namelist_t), intent(inout) :: namelist
+    type(namelist_t), intent(inout), target :: namelist
     character(len=*), intent(in), optional :: stem, directory
     type(group_t), allocatable :: groups(:)
     integer :: g
@@ -473,7 +473,7 @@ contains
 
   subroutine read_groups(namelist, name, scene, problems)
     !! All instances of a group; only the first of one that cannot be repeated.
-    type(namelist_t), intent(in) :: namelist
+    type(namelist_t), intent(in), target :: namelist
     character(len=*), intent(in) :: name
     type(scene_t), intent(inout) :: scene
     type(problems_t), intent(inout) :: problems
@@ -487,7 +487,7 @@ contains
     if (.not. is_repeatable(name)) n = min(n, 1)
     do instance = 1, n
       slot = namelist%find(name, instance)
-      reader%group = namelist%group(slot)
+      reader%group => namelist%group(slot)
       reader%is_known = spread(.false., 1, reader%group%n_key)
       reader%n_key_name = 0
       call visit_group(reader, scene, name, instance)

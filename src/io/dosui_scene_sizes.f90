@@ -19,13 +19,13 @@ module dosui_scene_sizes
 
   ! Measured by tests/performance/memory.py in 1-D, 2-D and 3-D [B]: particles with their fields,
   ! then what comes on top of that.
-  real(wp), parameter :: dry_particle(3) = [300.0_wp, 270.0_wp, 400.0_wp]
-  real(wp), parameter :: wet_particle(3) = [250.0_wp, 310.0_wp, 900.0_wp]
-  real(wp), parameter :: moving_particle(3) = [40.0_wp, 40.0_wp, 60.0_wp]
-  real(wp), parameter :: matrix_particle(3) = [1500.0_wp, 4400.0_wp, 15000.0_wp]   !! with water
-  real(wp), parameter :: cell(3) = [200.0_wp, 300.0_wp, 600.0_wp]   !! with its nodes
-  real(wp), parameter :: matrix_cell(3) = [500.0_wp, 2500.0_wp, 15000.0_wp]
-  real(wp), parameter :: factor_particle(3) = [1000.0_wp, 270.0_wp, 400.0_wp]
+  real(wp), parameter :: dry_particle(3) = [250.0_wp, 270.0_wp, 390.0_wp]
+  real(wp), parameter :: wet_particle(3) = [250.0_wp, 310.0_wp, 810.0_wp]
+  real(wp), parameter :: moving_particle(3) = [40.0_wp, 40.0_wp, 80.0_wp]
+  real(wp), parameter :: matrix_particle(3) = [1600.0_wp, 4400.0_wp, 11500.0_wp]   !! with water
+  real(wp), parameter :: cell(3) = [100.0_wp, 300.0_wp, 400.0_wp]   !! with its nodes
+  real(wp), parameter :: matrix_cell(3) = [600.0_wp, 2500.0_wp, 14500.0_wp]
+  real(wp), parameter :: factor_particle(3) = [0.0_wp, 270.0_wp, 1900.0_wp]
   !! of direct solutions, times 1 in 1-D, log2 n in 2-D, n^(1/3) in 3-D
   real(wp), parameter :: point = 300.0_wp           !! on a surface
   real(wp), parameter :: process_bytes = 5.0e7_wp   !! a process without any particle

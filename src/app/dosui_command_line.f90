@@ -11,7 +11,7 @@ module dosui_command_line
   integer, parameter :: option_length = 12
   character(len=option_length), parameter :: options(11) = [character(len=option_length) :: &
                                                  '--check', '--template', '--output', '--restart', &
-                                                 '--continue', '--docs', '--elements', &
+                                                            '--continue', '--docs', '--elements', &
                                                             '--safety', '--version', &
                                                             '--help', '-h']
 
@@ -130,7 +130,7 @@ contains
       call set_option(line, option, value, equals > 0, err)
     end do
     if (line%is_continued .and. len(line%restart) > 0) then
-      call err%set('--continue looks for a checkpoint itself, --restart names one: give one of them')
+      call err%set('--continue looks for a checkpoint, --restart names one: give one of them')
     end if
     if (.not. err%failed() .and. len(line%scene) == 0 .and. line%is_run()) then
       call err%set('no scene is given (dosui --help explains)')

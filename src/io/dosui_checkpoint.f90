@@ -425,6 +425,7 @@ contains
 
     found = ''
     note = ''
+    candidate = ''
     do k = 1, 2
       candidate = path
       if (k == 2) candidate = path//'.previous'

@@ -1,6 +1,6 @@
-!! Files that are written once, like checkpoints, end with a seal: their size and a checksum of every
-!! byte. It is checked before anything else looks at the file, so that damage of its structure, too,
-!! is found by nobody but this module.
+!! Files that are written once, like checkpoints, end with a seal: their size and a checksum of
+!! every byte. It is checked before anything else looks at the file, so that damage of its
+!! structure, too, is found here and not by HDF5.
 module dosui_file_seal
   use dosui_kinds, only: i8
   use dosui_checksum, only: checksum_t, combine_checksums
@@ -60,9 +60,10 @@ contains
     seal = 0_i8
     if (comm%is_root() .and. n_byte > 0_i8) call read_seal(path, n_byte, seal)
     call comm%broadcast(seal)
-    if (seal(1) /= transfer(mark, 0_i8) .or. seal(2) /= n_byte .or. seal(4) /= sum_of(seal(:3))) then
-      call err%set(path//' is damaged or cut short, or was not written by this version of dosui: '// &
-                   'it does not end with a checksum')
+    if (seal(1) /= transfer(mark, 0_i8) .or. seal(2) /= n_byte .or. &
+        seal(4) /= sum_of(seal(:3))) then
+      call err%set(path//' is damaged or cut short, or was not written by this version of '// &
+                   'dosui: it does not end with a checksum')
       return
     end if
     call sum_file(comm, path, n_byte, found, err)

@@ -857,10 +857,11 @@ contains
   end function summed_names
 
   pure integer(i8) function text_sum(text) result(value)
+    !! Checksum of a text as the file holds it: an empty one is a blank.
     character(len=*), intent(in) :: text
     type(checksum_t) :: checksum
 
-    call checksum%add_text(text)
+    call checksum%add_text(text//repeat(' ', merge(1, 0, len(text) == 0)))
     value = checksum%value()
   end function text_sum
 

@@ -165,7 +165,7 @@ contains
     !! All groups in the order in which a scene is best written.
     type(group_t), allocatable :: groups(:)
     character(len=12), parameter :: free_group(4) = [character(len=12) :: &
-                                                  'probe', 'solver', 'output', 'verification']
+                                                     'probe', 'solver', 'output', 'verification']
     integer :: g
 
     allocate (groups(20))

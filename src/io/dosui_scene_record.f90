@@ -267,6 +267,7 @@ contains
     !! The keys of a group that both scenes have.
     type(comparison_t), intent(inout) :: c
     integer, intent(in) :: o, n
+    character(len=:), allocatable :: value
     integer :: i, j
     logical :: is_in_step
 
@@ -280,15 +281,12 @@ contains
         end do
       end if
       if (is_in_step) return   ! all equal
+      value = ''
       do i = new%first, new%last
         j = line_of(c%old, old, c%new%line(i)%key)
-        if (j == 0) then
-          call compare_values(c, o, n, c%new%line(i)%key, default_of(c, new%group, &
-                              c%new%line(i)%key), c%new%line(i)%value)
-        else
-          call compare_values(c, o, n, c%new%line(i)%key, c%old%line(j)%value, &
-                              c%new%line(i)%value)
-        end if
+        value = default_of(c, new%group, c%new%line(i)%key)
+        if (j > 0) value = c%old%line(j)%value
+        call compare_values(c, o, n, c%new%line(i)%key, value, c%new%line(i)%value)
       end do
       do j = old%first, old%last
         if (line_of(c%new, new, c%old%line(j)%key) > 0) cycle

@@ -70,10 +70,10 @@ def run(command: list[str], folder: Path) -> tuple[int, str]:
     """Exit status (negative: a signal; 124: a hang) and what was printed."""
     # glibc's and HDF5's own words do not matter, only how it ends
     try:
-        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=60)
+        done = subprocess.run(command, cwd=folder, capture_output=True, timeout=60)
     except subprocess.TimeoutExpired:
         return 124, "hang"
-    return done.returncode, done.stdout + done.stderr
+    return done.returncode, (done.stdout + done.stderr).decode(errors="replace")
 
 
 def content(path: Path) -> list[bytes]:

@@ -59,6 +59,15 @@ def finish(process: subprocess.Popen[str]) -> str:
         raise
 
 
+def wait_for(path: Path) -> None:
+    """Waits until a file is there, half a minute at most."""
+    for _ in range(300):
+        if path.exists():
+            return
+        time.sleep(0.1)
+    raise AssertionError(f"{path} does not come")
+
+
 def submitted(job: dict[str, str]) -> list[str]:
     """What the scripts have submitted."""
     path = Path(job["PBS_O_WORKDIR"]) / "submitted"
@@ -73,7 +82,7 @@ def test_shell_scripts_parse(script: Path) -> None:
 @pytest.mark.parametrize("warning", [signal.SIGUSR1, signal.SIGTERM])
 def test_slurm_stops_and_submits_itself_again(job: dict[str, str], warning: int) -> None:
     process = start(job, "slurm.sh")
-    time.sleep(4)
+    wait_for(Path(job["PBS_O_WORKDIR"]) / "out" / "terzaghi_2d.vtkhdf")  # it watches signals by then
     process.send_signal(warning)
     text = finish(process)
     assert "exit status 3" in text
@@ -87,7 +96,30 @@ def test_pbs_stops_by_its_timer_and_goes_on(job: dict[str, str]) -> None:
     assert "exit status 3" in text
     assert "SCENE=scene.nml,OUTPUT=out,WALLTIME=304" in submitted(job)[0]
     text = finish(start(job, "pbs.sh"))
-    assert "--restart out/" in text
+    assert "restart      from out/" in text
+
+
+def test_a_job_takes_only_its_own_checkpoint(job: dict[str, str]) -> None:
+    """Another scene's in the same folder is passed over, however new; of its own name, refused."""
+    folder = Path(job["PBS_O_WORKDIR"])
+    text = scene_text("terzaghi/scene_1d.nml", output_times="0.01", end_time="0.02")
+    other = text.replace("'terzaghi_1d'", "'other'").replace(
+        "  end_time", "  maximum_steps = 9\n  end_time"
+    )
+    (folder / "other.nml").write_text(other)
+    command = [job["DOSUI"], "other.nml", "--output", "out"]
+    assert subprocess.run(command, cwd=folder, env=job, check=False).returncode == 0
+    assert (folder / "out" / "other.restart.h5").exists()
+    (folder / "scene.nml").write_text(text)
+    process = start(job, "slurm.sh")
+    assert "no checkpoint of this scene" in finish(process)
+    assert process.returncode == 0
+    (folder / "out" / "other.restart.h5").rename(folder / "out" / "terzaghi_1d.restart.h5")
+    (folder / "scene.nml").write_text(text.replace("0.025", "0.05"))
+    process = start(job, "slurm.sh")
+    finish(process)
+    assert process.returncode == 2
+    assert not list((folder / "out").glob(".job_started*"))
 
 
 def test_a_stop_without_checkpoint_is_not_submitted_again(job: dict[str, str]) -> None:

@@ -55,6 +55,8 @@ module dosui_quasi_static
   real(wp), parameter :: stiff_share = 1.0e-3_wp      !! of elasticity, after a failed attempt [-]
   integer, parameter :: stiff_steps = 10              !! that keep it
   character(len=*), parameter :: by_accuracy = 'accuracy'   !! limits a step
+  integer, parameter :: patience = 8                  !! iterations without a smaller residual
+  real(wp), parameter :: worthwhile_fall = 0.9_wp     !! of the residual, to count as smaller [-]
   real(wp), parameter :: swing = 0.7_wp               !! least growth of increments that swing [-]
   real(wp), parameter :: least_relaxation = 0.125_wp  !! of their damping [-]
 
@@ -532,9 +534,9 @@ contains
     real(wp), allocatable :: held(:, :), none(:, :), force(:, :), water(:), start(:)
     real(wp), allocatable :: step(:, :), pressure_step(:)
     real(wp) :: scale, change, last_change, motion_change, water_change, relaxation, t, &
-                residual, last_residual, relaxed
-    integer :: k, n
-    logical :: has_held, damps, is_falling
+                residual, last_residual, relaxed, least_residual
+    integer :: k, n, n_idle
+    logical :: has_held, damps, is_falling, searches
 
     n = model%particles%count
     allocate (held, none, step, mold=motion)
@@ -559,6 +561,10 @@ contains
       has_held = .false.
     end if
     call self%move_from_start(model, motion, err)
+    searches = damps .and. .not. model%unsaturated
+    least_residual = huge(1.0_wp)
+    n_idle = 0
+    call evaluate(residual)
     do k = 1, newton_limit
       if (err%failed()) return
       call model%timers%start(model%phase%assembly)
@@ -568,25 +574,18 @@ contains
       if (model%unsaturated) call prepare_linearisation(model, time, start + pressure)
       if (self%stiffening > 0.0_wp) call stiffen(model, self%stiffening)
       call self%system%build(model, .false., err)
-      call model%timers%stop(model%phase%assembly)
-      call self%force_residual(model, start + pressure, motion, force)
       model%clock%time = t
       call add_pressure(model, -pressure)
-      if (model%coupled) call self%water_residual(model, time, a, supply, start, pressure, water, &
-                                                  err)
-      call check_residual(model, force, water, err)
-      if (err%failed()) return
-      residual = residual_norm(self, model, force, water)
+      call model%timers%stop(model%phase%assembly)
       call model%timers%start(model%phase%solver)
       call self%system%solve(model, a, force, time, merge(held, none, has_held), has_held, &
                              water, direct_tolerance(self), .false., step, pressure_step, err)
-      has_held = .false.
       call model%timers%stop(model%phase%solver)
       self%n_newton = self%n_newton + 1
       if (err%failed()) exit
       is_falling = residual <= (1.0_wp - 0.5_wp*relaxed)*last_residual
       last_residual = residual
-      if (damps) then   ! halved while they swing about a kink of suction or strength
+      if (damps .and. .not. searches) then   ! less while they swing about a kink of suction
         if (is_falling) relaxation = min(1.0_wp, 4.0_wp*relaxation)
         step = relaxation*step
         pressure_step = relaxation*pressure_step
@@ -607,7 +606,7 @@ contains
         water_change = water_change/scale
         change = max(change, water_change)
       end if
-      if (damps) then
+      if (damps .and. .not. searches) then
         change = change/relaxation
         relaxation = min(1.0_wp, 2.0_wp*relaxation)
         if (k > 2 .and. change > swing*last_change .and. .not. is_falling) then
@@ -616,11 +615,55 @@ contains
         last_change = change
       end if
       if (change <= merge(kink_tolerance, newton_tolerance, damps) .and. .not. err%failed()) return
+      call evaluate(residual)
+      if (searches .and. .not. has_held) call go_back_while_worse(last_residual)
+      has_held = .false.
+      n_idle = n_idle + 1
+      if (residual < worthwhile_fall*least_residual .or. k == 1) then
+        least_residual = residual
+        n_idle = 0
+      end if
+      if (n_idle >= patience .and. damps) exit
     end do
     if (.not. err%failed()) then
       call err%set('Newton''s iterations do not converge (last change '//to_text(change, 3)//')')
     end if
     call note_trouble(self, model, force, pressure_step, water_change > motion_change)
+
+  contains
+
+    subroutine evaluate(norm)
+      !! Unbalanced forces and missing water of the trial state at hand, and their norm.
+      real(wp), intent(out) :: norm   !! [-]
+
+      norm = huge(1.0_wp)
+      if (err%failed()) return
+      call add_pressure(model, pressure)
+      t = model%clock%time
+      model%clock%time = time
+      call self%force_residual(model, start + pressure, motion, force)
+      model%clock%time = t
+      call add_pressure(model, -pressure)
+      if (model%coupled) call self%water_residual(model, time, a, supply, start, pressure, water, &
+                                                  err)
+      call check_residual(model, force, water, err)
+      if (.not. err%failed()) norm = residual_norm(self, model, force, water)
+    end subroutine evaluate
+
+    subroutine go_back_while_worse(before)
+      !! Half of an increment, a quarter, ... where the whole of it makes the residual larger.
+      real(wp), intent(in) :: before   !! residual without the increment [-]
+      real(wp) :: share
+
+      share = 1.0_wp
+      do while (residual > before .and. share > least_relaxation .and. .not. err%failed())
+        share = 0.5_wp*share
+        motion = motion - share*step
+        pressure = pressure - share*pressure_step
+        call self%move_from_start(model, motion, err)
+        call evaluate(residual)
+      end do
+    end subroutine go_back_while_worse
   end subroutine newton
 
   subroutine check_residual(model, force, water, err)

@@ -3,9 +3,10 @@
 module dosui_scene_warnings
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim
+  use dosui_name_index, only: name_index_t
   use dosui_namelist, only: namelist_t
   use dosui_region_contacts, only: region_contacts_t
-  use dosui_scene, only: mechanical_condition_t, name_length, scene_t
+  use dosui_scene, only: scene_t
   use dosui_scene_checks, only: checker_t
   use dosui_text, only: to_text, vector_text
   implicit none
@@ -26,10 +27,10 @@ contains
   subroutine find_warnings(scene, namelist)
     !! Fills the warnings of a scene without problems, each with its line.
     type(scene_t), intent(inout) :: scene
-    type(namelist_t), intent(in) :: namelist   !! of its text
+    type(namelist_t), intent(in), target :: namelist   !! of its text
     type(checker_t) :: checker
 
-    checker%namelist = namelist
+    checker%namelist => namelist
     call warn_of_methods(checker, scene)
     call warn_of_gravity(checker, scene)
     call warn_of_materials(checker, scene)
@@ -126,19 +127,20 @@ contains
     !! Materials and surfaces that nothing uses.
     type(checker_t), intent(inout) :: checker
     type(scene_t), intent(in) :: scene
-    logical :: is_used
+    type(name_index_t) :: materials, surfaces
     integer :: k
 
+    call materials%add_all(scene%region%material)
     do k = 1, size(scene%material)
-      if (any(scene%region%material == scene%material(k)%name)) cycle
+      if (materials%find(scene%material(k)%name) > 0) cycle
       call checker%complain('material', k, 'name', 'no &region uses it')
     end do
+    call surfaces%add_all(scene%mechanical_condition%surface)
+    call surfaces%add_all(scene%hydraulic_condition%surface)
+    call surfaces%add_all(scene%probe%surface)
     do k = 1, size(scene%surface)
       if (scene%surface(k)%face == 'free') cycle   ! its area is a history
-      is_used = any(scene%mechanical_condition%surface == scene%surface(k)%name) .or. &
-                any(scene%hydraulic_condition%surface == scene%surface(k)%name) .or. &
-                any(scene%probe%surface == scene%surface(k)%name)
-      if (is_used) cycle
+      if (surfaces%find(scene%surface(k)%name) > 0) cycle
       call checker%complain('surface', k, 'name', 'no condition or probe uses it')
     end do
   end subroutine warn_of_unused

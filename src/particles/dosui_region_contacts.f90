@@ -6,6 +6,7 @@ module dosui_region_contacts
   use dosui_kinds, only: wp, i8
   use dosui_dimension, only: ndim
   use dosui_face_pieces, only: face_piece, piece_count, region_faces
+  use dosui_name_index, only: name_index_t
   use dosui_scene, only: mechanical_condition_t, scene_t, table_t
   use dosui_seeding, only: region_spacing
   use dosui_shapes, only: face_t, shape_bounds, shape_contains
@@ -307,12 +308,15 @@ contains
     type(scene_t), intent(in) :: scene
     type(body_t), intent(inout) :: body(:)
     type(face_t), allocatable :: faces(:)
+    type(name_index_t) :: surfaces, regions
     integer :: c, f, r, s
 
+    call surfaces%add_all(scene%surface%name)
+    call regions%add_all(scene%region%name)
     do c = 1, size(scene%mechanical_condition)
-      s = findloc(scene%surface%name == scene%mechanical_condition(c)%surface, .true., dim=1)
+      s = surfaces%find(scene%mechanical_condition(c)%surface)
       if (s == 0) cycle
-      r = findloc(scene%region%name == scene%surface(s)%region, .true., dim=1)
+      r = regions%find(scene%surface(s)%region)
       if (r == 0) cycle
       call region_faces(scene%region(r), region_spacing(scene, scene%region(r)), faces)
       do f = 1, size(faces)

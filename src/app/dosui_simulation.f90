@@ -44,6 +44,7 @@ module dosui_simulation
   integer, parameter :: equilibrium_passes = 20       !! of updated scenes
   real(wp), parameter :: noteworthy = 0.01_wp, untrusted = 0.1_wp   !! balance errors [-]
   real(wp), parameter :: most_steps = 9.0e18_wp       !! that 64 bits count
+  real(wp), parameter :: beyond = 0.01_wp             !! the domain: a wall there may give way [h]
   real(wp), parameter :: settled = 1.0e-12_wp         !! of the first displacements [-]
   real(wp), parameter :: pass_reduction = 1.0e-9_wp   !! of their residual [-]
 
@@ -352,13 +353,16 @@ contains
     type(error_t), intent(inout) :: err
     integer, allocatable :: keep(:)
     logical, allocatable :: inside(:)
+    real(wp) :: margin   ! [m]
     integer :: p, n
 
     n = model%particles%count
+    margin = beyond*model%scene%grid_spacing
     allocate (inside(n))
     do p = 1, n
       associate (x => model%particles%field(model%p%position)%values(:, p))
-        inside(p) = all(x >= model%scene%domain_min .and. x <= model%scene%domain_max)
+        inside(p) = all(x >= model%scene%domain_min - margin .and. &
+                        x <= model%scene%domain_max + margin)
       end associate
     end do
     if (.not. model%comm%any(.not. all(inside))) return

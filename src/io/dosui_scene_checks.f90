@@ -68,6 +68,7 @@ contains
     character(len=*), intent(in) :: reason       !! why it was chosen
     type(problems_t), intent(inout) :: problems
     type(checker_t) :: checker
+    type(namelist_t), target :: namelist
     type(scene_t) :: chosen
     type(problems_t) :: known   ! to whoever read the scene
 
@@ -75,7 +76,8 @@ contains
     chosen = scene
     chosen%integrator = integrator
     checker%choice = " (integrator = 'auto' takes "//trim(integrator)//': '//reason//')'
-    call checker%namelist%scan(scene%text, scene%file, known)
+    call namelist%scan(scene%text, scene%file, known)
+    checker%namelist => namelist
     checker%problems = problems
     call check_integrator(checker, chosen)
     call check_suction(checker, chosen)

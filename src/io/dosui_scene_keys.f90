@@ -391,10 +391,12 @@ contains
                     'auto: gimp with deformation = ''updated'', where particles cross cells, '// &
                     'else linear', choices='auto linear gimp bspline'))
     call v%vector(scene%domain_min, &
-                  key('domain_min', 'particles below have left the domain', unit='m', &
+                  key('domain_min', 'particles more than a hundredth of a cell below have left '// &
+                      'the domain', unit='m', &
                       restart=restart_free))
     call v%vector(scene%domain_max, &
-                  key('domain_max', 'particles above have left the domain', unit='m', &
+                  key('domain_max', 'particles more than a hundredth of a cell above have left '// &
+                      'the domain', unit='m', &
                       restart=restart_free))
   end subroutine visit_grid
 

@@ -185,7 +185,8 @@ contains
     call add_point(model%scene, region, &
                    ids_of_step*(1_i8 + mod(model%clock%step, steps_of_ids)) + &
                    16_i8*model%particles%id(i) + int(f - first_of(facets, f), i8), &
-                   facets%place(:, f), facets%normal(:, f), facets%area(f), merge(surface, 0, facets%is_free(f)), -sector, &
+                   facets%place(:, f), facets%normal(:, f), facets%area(f), &
+                   merge(surface, 0, facets%is_free(f)), -sector, &
                    model%surface, model%s)
     p = model%surface%count
     associate (field => model%surface%field, h => model%s, particle => model%particles%field)

@@ -40,7 +40,7 @@ module dosui_simulation
   integer, parameter, public :: status_finished = 0, status_failed = 1, status_bad_input = 2, &
                                 status_stopped = 3   !! exit statuses
   integer, parameter, public :: to_run = 1, to_check = 2, to_find_safety = 3   !! purposes
-  integer(i8), parameter :: explicit_check_interval = 64_i8   !! steps between looks at signals
+  integer(i8), parameter :: explicit_check_interval = 64_i8   !! steps between looks at signals, NaN
   integer, parameter :: equilibrium_passes = 20       !! of updated scenes
   real(wp), parameter :: noteworthy = 0.01_wp, untrusted = 0.1_wp   !! balance errors [-]
   real(wp), parameter :: most_steps = 9.0e18_wp       !! that 64 bits count

@@ -1,6 +1,7 @@
 !! Says how large a scene is before it runs, and warns of what takes much of the machine.
 module dosui_size_report
   use dosui_kinds, only: wp
+  use dosui_dimension, only: ndim
   use dosui_directories, only: existing_folder
   use dosui_machine, only: bytes_text, free_disk, free_memory
   use dosui_model, only: model_t
@@ -26,6 +27,7 @@ contains
     memory = sizes%memory/real(model%comm%size, wp)
     free = model%comm%minimum(free_memory()/real(model%comm%ranks_on_node(), wp))
     disk = free_disk(existing_folder(model%scene%output%directory))
+    call report_origin(model)
     if (in_full) then
       call model%log%info('estimate     '//to_text(sizes%particles, 3)//' particles, '// &
                           to_text(sizes%surface_points, 3)//' surface points, '// &
@@ -44,6 +46,21 @@ contains
                              of_free(disk))
     end if
   end subroutine report_sizes
+
+  subroutine report_origin(model)
+    !! Where coordinates count from in a scene far away.
+    type(model_t), intent(inout) :: model
+    character(len=:), allocatable :: text
+    integer :: d
+
+    if (.not. any(abs(model%scene%local_origin) > 0.0_wp)) return
+    text = ''
+    do d = 1, ndim
+      if (d > 1) text = text//', '
+      text = text//to_text(model%scene%local_origin(d))
+    end do
+    call model%log%info('local origin ('//text//') m: the run counts from there, files do not')
+  end subroutine report_origin
 
   function of_free(bytes) result(text)
     !! What is free, if that is known.

@@ -189,9 +189,10 @@ contains
     if (facets%normal(sector, f) < -askew(sector)) sector = sector + ndim
     sector = sector + 2*ndim*(facets%wall(f) + (size_of_walls(model) + 1)*region)
     call add_point(model%scene, region, &
-                   ids_of_step*(1_i8 + mod(model%clock%step, steps_of_ids)) + 16_i8*model%particles%id(i) + &
-                   int(f - first_of(facets, f), i8), facets%place(:, f), facets%normal(:, f), &
-                   facets%area(f), pack([surface], [facets%is_free(f)]), -sector, &
+                   ids_of_step*(1_i8 + mod(model%clock%step, steps_of_ids)) + &
+                   16_i8*model%particles%id(i) + int(f - first_of(facets, f), i8), &
+                   facets%place(:, f), facets%normal(:, f), facets%area(f), &
+                   pack([surface], [facets%is_free(f)]), -sector, &
                    model%surface, model%s)
     p = model%surface%count
     associate (field => model%surface%field, h => model%s, particle => model%particles%field)

@@ -165,7 +165,7 @@ contains
     phase = region%pivot/step
     where (abs(phase - anint(phase)) > same_phase)
       region%pivot = region%pivot - step*anint(phase)
-    elsewhere
+    else where
       region%pivot = 0.0_wp
     end where
   end subroutine bring_near

@@ -195,6 +195,7 @@ contains
     type(name_index_t) :: index
     integer :: k
 
+    nearest = ''
     call index%add_all(known)
     do k = 1, size(used)
       if (used(k) == '') cycle

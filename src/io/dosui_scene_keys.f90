@@ -171,7 +171,10 @@ contains
     allocate (groups(20))
     groups(1) = group_t('scene', 'What is computed, and how.', .true., .false.)
     groups(2) = group_t('grid', 'The background grid and the domain. Memory and time follow '// &
-                        'the particles: a large domain costs nothing.', .true., .false.)
+                        'the particles: a large domain costs nothing. Bodies far from the '// &
+                        'origin (site coordinates) are computed about a node near them and '// &
+                        'keep their digits: coordinates may be as large as 4.5e9 spacings, '// &
+                        'and bodies reach 1048568 cells from the middle of all.', .true., .false.)
     groups(3) = group_t('time', 'End of the run, output times and the time step.', .true., .false.)
     groups(4) = group_t('material', 'A soil. Regions refer to it by its name.', .true., .true.)
     groups(5) = group_t('water', 'The pore water and its operator; only with '// &

@@ -125,6 +125,7 @@ contains
     type(namelist_t), intent(in) :: namelist
     type(problems_t), intent(inout) :: problems
     type(scene_sizes_t) :: sizes
+    character(len=:), allocatable :: needed
     real(wp) :: memory, disk
     integer :: n_problem
 
@@ -147,9 +148,9 @@ contains
       call complain_of_particles(scene, sizes, namelist, problems, 'more than '// &
                                  to_text(most_sites)//' lattice sites on a rank')
     else if (memory >= 0.0_wp .and. sizes%memory/real(comm%size, wp) > memory) then
-      call complain_of_particles(scene, sizes, namelist, problems, bytes_text(sizes%memory/ &
-                                 real(comm%size, wp))//' of memory on each rank, and '// &
-                                 bytes_text(memory)//' are free')
+      needed = bytes_text(sizes%memory/real(comm%size, wp))
+      call complain_of_particles(scene, sizes, namelist, problems, needed//' of memory on each '// &
+                                 'rank, and '//bytes_text(memory)//' are free')
     end if
     if (problems%count() > n_problem) return
     if (disk >= 0.0_wp .and. sizes%disk() > disk) then

@@ -82,7 +82,9 @@ def test_shell_scripts_parse(script: Path) -> None:
 @pytest.mark.parametrize("warning", [signal.SIGUSR1, signal.SIGTERM])
 def test_slurm_stops_and_submits_itself_again(job: dict[str, str], warning: int) -> None:
     process = start(job, "slurm.sh")
-    wait_for(Path(job["PBS_O_WORKDIR"]) / "out" / "terzaghi_2d.vtkhdf")  # it watches signals by then
+    wait_for(
+        Path(job["PBS_O_WORKDIR"]) / "out" / "terzaghi_2d.vtkhdf"
+    )  # it watches signals by then
     process.send_signal(warning)
     text = finish(process)
     assert "exit status 3" in text

@@ -13,10 +13,12 @@ import numpy.typing as npt
 
 Words = npt.NDArray[np.uint64]
 
+ALL_BITS = 2**64 - 1
 SALT = 7640891576956012809
 MARK = b"dosuiEND"
 SEAL_BYTES = 32
 LANE = 256  # words of a part
+FEW = 512  # words that are summed one by one
 BLOCK = 2**20  # words that are held at once
 
 
@@ -68,8 +70,8 @@ def _text_words(text: bytes) -> npt.NDArray[np.int64]:
 
 
 def _value(state: int, n: int) -> int:
-    words = np.array([state ^ n], dtype=np.uint64)
-    return int(_step(_step(words) ^ np.uint64(SALT)).view(np.int64)[0])
+    value = _step_of_one(_step_of_one(state ^ n) ^ SALT)
+    return value - 2**64 if value >= 2**63 else value
 
 
 def _step(state: Words) -> Words:
@@ -78,8 +80,19 @@ def _step(state: Words) -> Words:
     return state ^ (state << np.uint64(17))
 
 
+def _step_of_one(state: int) -> int:
+    state ^= state << 13 & ALL_BITS
+    state ^= state >> 7
+    return state ^ (state << 17 & ALL_BITS)
+
+
 def _state(words: Words) -> int:
     """The state after some words: parts of LANE words side by side, then pairs of parts."""
+    if len(words) <= FEW:
+        single = 0
+        for word in words.tolist():
+            single = _step_of_one(single ^ word)
+        return single
     lanes = max(1, -(-len(words) // LANE))
     padded = np.zeros(lanes * LANE, dtype=np.uint64)
     padded[len(padded) - len(words) :] = words  # zeros at the start leave the state at 0

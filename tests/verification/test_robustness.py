@@ -100,7 +100,10 @@ def test_signal_writes_a_checkpoint(dosui: Runner, tmp_path, number: signal.Sign
     """A batch system's signal: checkpoint, status 3, and the run can go on."""
     (tmp_path / "scene.nml").write_text(long_scene())
     process = subprocess.Popen([str(BIN / "dosui"), "scene.nml"], cwd=tmp_path)
-    time.sleep(1.5)
+    deadline = time.monotonic() + 60
+    while not (tmp_path / "terzaghi_1d.vtkhdf").exists() and time.monotonic() < deadline:
+        time.sleep(0.1)
+    time.sleep(0.5)
     process.send_signal(number)
     assert process.wait(timeout=60) == 3
     assert (tmp_path / "terzaghi_1d.restart.h5").exists()

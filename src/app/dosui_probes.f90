@@ -204,15 +204,13 @@ contains
     integer, allocatable :: start(:), near(:), own(:)
     real(wp), allocatable :: sums(:, :), x(:, :)
     real(wp) :: spacing
-    integer :: k, n, place
+    integer :: k, n, place, r, s
 
-    associate (region => model%scene%region(findloc(model%scene%region%name == &
-                                             model%scene%surface(index_of(model%scene, surface))% &
-                                                    region, .true., dim=1)))
-      spacing = region_spacing(model%scene, region)
-      own = pack([(k, k=1, size(values))], &
-                 model%scene%material(model%material)%name == region%material)
-    end associate
+    s = index_of(model%scene, surface)
+    r = findloc(model%scene%region%name == model%scene%surface(s)%region, .true., dim=1)
+    spacing = region_spacing(model%scene, model%scene%region(r))
+    own = pack([(k, k=1, size(values))], model%scene%material(model%material)%name == &
+               model%scene%region(r)%material)
     x = model%particles%field(model%p%position)%values(:, own)
     place = visitors%add('position', 'm', ndim, .false., .true., .false., .false.)
     call visitors%resize(size(points))

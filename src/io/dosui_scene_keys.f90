@@ -673,8 +673,8 @@ contains
                 key('density_scaling', 'factor on inertia only, for quasi-static runs', unit='-', &
                     range='>= 1'))
     call v%real(mechanics%penalty, &
-                key('penalty', 'stiffness of walls that no grid line follows, in drained modulus per '// &
-                    'spacing', unit='-', range='> 0'))
+                key('penalty', 'stiffness of walls that no grid line follows, in drained '// &
+                    'modulus per spacing', unit='-', range='> 0'))
   end subroutine visit_mechanics
 
   subroutine visit_region(v, region)

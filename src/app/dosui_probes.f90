@@ -96,18 +96,18 @@ contains
     end select
   end function probe_value
 
-  function surface_points(model, name) result(points)
+  subroutine find_points(model, name, points)
     !! This rank's points of a named surface.
     type(model_t), intent(in) :: model
     character(len=*), intent(in) :: name
-    integer, allocatable :: points(:)
+    integer, allocatable, intent(out) :: points(:)
     integer :: wanted, p
 
     wanted = index_of(model%scene, name)
     points = pack([(p, p=1, model%surface%count)], &
                   [(set_holds(model%surface%field(model%s%surface)%values(:, p), wanted), &
                     p=1, model%surface%count)])
-  end function surface_points
+  end subroutine find_points
 
   real(wp) function settlement(model, surface) result(mean)
     !! Mean downward displacement of a surface, weighted with area [m].
@@ -115,7 +115,7 @@ contains
     character(len=*), intent(in) :: surface
     integer, allocatable :: points(:)
 
-    points = surface_points(model, surface)
+    call find_points(model, surface, points)
     associate (displacement => model%surface%field(model%s%displacement)%values)
       mean = area_mean(model, points, -displacement(ndim, points), spread(.true., 1, size(points)))
     end associate
@@ -149,7 +149,7 @@ contains
     logical, allocatable :: is_known(:)
     integer :: d, handle
 
-    points = surface_points(model, probe%surface)
+    call find_points(model, probe%surface, points)
     if (probe%field == 'displacement' .or. probe%field == 'velocity') then
       allocate (here(size(points)), source=0.0_wp)
       handle = model%surface%handle(trim(probe%field))
@@ -204,15 +204,13 @@ contains
     integer, allocatable :: start(:), near(:), own(:)
     real(wp), allocatable :: sums(:, :), x(:, :)
     real(wp) :: spacing
-    integer :: k, n, place
+    integer :: k, n, place, r, s
 
-    associate (region => model%scene%region(findloc(model%scene%region%name == &
-                                             model%scene%surface(index_of(model%scene, surface))% &
-                                                    region, .true., dim=1)))
-      spacing = region_spacing(model%scene, region)
-      own = pack([(k, k=1, size(values))], &
-                 model%scene%material(model%material)%name == region%material)
-    end associate
+    s = index_of(model%scene, surface)
+    r = findloc(model%scene%region%name == model%scene%surface(s)%region, .true., dim=1)
+    spacing = region_spacing(model%scene, model%scene%region(r))
+    own = pack([(k, k=1, size(values))], model%scene%material(model%material)%name == &
+               model%scene%region(r)%material)
     x = model%particles%field(model%p%position)%values(:, own)
     place = visitors%add('position', 'm', ndim, .false., .true., .false., .false.)
     call visitors%resize(size(points))

@@ -21,22 +21,20 @@ contains
   subroutine warn_of_thin_regions(model)
     !! Warnings: regions thinner than a cell, particles farther apart than cells. Collective.
     type(model_t), intent(inout) :: model
-    character(len=:), allocatable :: name
     real(wp) :: spacing
     integer :: r
 
     if (model%rigid) return   ! flow alone needs no grid
     do r = 1, size(model%scene%region)
       associate (scene => model%scene, region => model%scene%region(r))
-        name = "&region '"//trim(region%name)//"' "//extent(scene, r)
         if (.not. model%comm%any(fills_a_cell(scene, r, model%comm%rank, model%comm%size))) then
-          call model%log%warning(name//': the grid (spacing '//to_text(scene%grid_spacing)// &
-                                 " m) does not resolve it, no cell holds material '"// &
-                                 trim(region%material)//"' alone")
+          call model%log%warning(named(scene, r)//': the grid (spacing '// &
+                                 to_text(scene%grid_spacing)//' m) does not resolve it, no '// &
+                                 "cell holds material '"//trim(region%material)//"' alone")
         end if
         spacing = region_spacing(scene, region)
         if (spacing > coarse*scene%grid_spacing) then
-          call model%log%warning(name//': its particles are '//to_text(spacing)// &
+          call model%log%warning(named(scene, r)//': its particles are '//to_text(spacing)// &
                                  ' m apart, more than a cell: some cells hold none')
         end if
       end associate
@@ -102,15 +100,17 @@ contains
     end do
   end function lies_in_material
 
-  function extent(scene, r) result(text)
-    !! Where a region lies.
+  function named(scene, r) result(text)
+    !! A region, and where it lies.
     type(scene_t), intent(in) :: scene
     integer, intent(in) :: r
     character(len=:), allocatable :: text
     real(wp) :: low(ndim), high(ndim)
 
     call shape_bounds(scene%region(r), scene%region(r)%shape_angle, low, high)
-    text = 'from '//vector_text(low + scene%region(r)%pivot)//' to '// &
-           vector_text(high + scene%region(r)%pivot)//' m'
-  end function extent
+    low = low + scene%region(r)%pivot
+    high = high + scene%region(r)%pivot
+    text = "&region '"//trim(scene%region(r)%name)//"' from "//vector_text(low)//' to '// &
+           vector_text(high)//' m'
+  end function named
 end module dosui_resolution

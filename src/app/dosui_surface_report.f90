@@ -88,8 +88,9 @@ contains
       call model%log%info('wall         '//trim(condition%surface)//': '//trim(condition%kind)// &
                           ' on '//trim(merge('grid nodes   ', 'penalty walls', forced == 0))// &
                           ' ('//to_text(fitted + forced)//' points)'//force)
-      if (forced > 0 .and. condition%kind /= 'fixed' .and. condition%kind /= 'velocity') &
+      if (forced > 0 .and. condition%kind /= 'fixed' .and. condition%kind /= 'velocity') then
         call warn_of_facets(model, condition%surface)
+      end if
     end associate
   end subroutine list_wall
 
@@ -97,17 +98,16 @@ contains
     !! Facets that lean against the surface they stand for hold its tangential motion, too.
     type(model_t), intent(inout) :: model
     character(len=*), intent(in) :: surface
-    integer :: r
+    real(wp) :: spacing
+    integer :: r, s
 
-    associate (named => model%scene%surface(index_of(model%scene, surface)))
-      r = findloc(model%scene%region%name == named%region, .true., dim=1)
-      associate (region => model%scene%region(r))
-        if (.not. is_faceted(region, trim(named%face), region_spacing(model%scene, region))) return
-      end associate
-      call model%log%warning("&mechanical_condition: surface '"//trim(surface)//"' is curved, but "// &
-                             'its facets are larger than cells: the wall holds facet by facet, '// &
-                             'also along the surface; take a finer &region stl_file')
-    end associate
+    s = index_of(model%scene, surface)
+    r = findloc(model%scene%region%name == model%scene%surface(s)%region, .true., dim=1)
+    spacing = region_spacing(model%scene, model%scene%region(r))
+    if (.not. is_faceted(model%scene%region(r), trim(model%scene%surface(s)%face), spacing)) return
+    call model%log%warning("&mechanical_condition: surface '"//trim(surface)//"' is curved, "// &
+                           'but its facets are larger than cells: the wall holds facet by '// &
+                           'facet, also along the surface; take a finer &region stl_file')
   end subroutine warn_of_facets
 
   subroutine list_load(model, c)

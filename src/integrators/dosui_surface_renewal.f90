@@ -233,8 +233,8 @@ contains
     associate (field => model%surface%field)
       area = 0.0_wp
       do p = 1, model%surface%count
-        if (set_holds(field(model%s%surface)%values(:, p), surface)) &
-          area = area + field(model%s%area)%values(1, p)
+        if (.not. set_holds(field(model%s%surface)%values(:, p), surface)) cycle
+        area = area + field(model%s%area)%values(1, p)
       end do
     end associate
     area = model%comm%sum(area)

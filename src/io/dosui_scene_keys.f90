@@ -187,8 +187,9 @@ contains
                         '0; later groups override earlier ones. Without it everything is zero.', &
                         .false., .true.)
     groups(10) = group_t('surface', 'A named part of the boundary of a region, for conditions '// &
-                         'and probes. A point of the boundary belongs to the last surface that '// &
-                         'selects it.', .false., .true.)
+                         'and probes. Surfaces may overlap: the conditions of all act, loads '// &
+                         'add up. Two walls, or two hydraulic conditions, on one point are '// &
+                         'an error; probes take nothing away.', .false., .true.)
     groups(11) = group_t('mechanical_condition', 'Walls and loads on a surface. Surfaces '// &
                          'without one are free of traction.', .false., .true.)
     groups(12) = group_t('hydraulic_condition', 'Head, pressure or flux on a surface. Surfaces '// &
@@ -712,8 +713,8 @@ contains
                 key('density_scaling', 'factor on inertia only, for quasi-static runs', unit='-', &
                     range='>= 1'))
     call v%real(mechanics%penalty, &
-                key('penalty', 'stiffness of walls that no grid line follows, in modulus per '// &
-                    'spacing', unit='-', range='> 0'))
+                key('penalty', 'stiffness of walls that no grid line follows, in drained '// &
+                    'modulus per spacing', unit='-', range='> 0'))
   end subroutine visit_mechanics
 
   subroutine visit_region(v, region)
@@ -872,7 +873,8 @@ contains
     call v%name(surface%face, &
                 key('face', 'face of the unturned box (x-, x+, y-, y+, z-, z+), edge of a '// &
                     'polygon (edge1, edge2, ...), round of a circle or sphere, whose cuts are '// &
-                    'called like a box''s faces, or all; free: what no other surface names, '// &
+                    'called like a box''s faces, or all; free: what no other surface names '// &
+                    '(but for those that only probes use), '// &
                     'with deformation = ''updated'' also what comes to be as bodies tear, '// &
                     'spread and meet', required=.true.))
     call v%vector(surface%box_min, &
@@ -1059,7 +1061,8 @@ contains
 
     call v%name(probe%name, key('name', 'name of the history', required=.true.))
     call v%name(probe%kind, &
-                key('kind', 'value at a point, mean over a surface, mean downward displacement '// &
+                key('kind', 'value at a point, mean over a surface (integral over area, at the '// &
+                    'surface itself), mean downward displacement '// &
                     'of a surface, or volume integral', required=.true., &
                     choices='point surface_mean settlement domain_sum'))
     is_field = probe%kind /= 'settlement'

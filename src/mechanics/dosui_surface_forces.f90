@@ -339,7 +339,8 @@ contains
       c = self%entry_condition(e)
       if (conditions(c)%kind /= 'plate') cycle
       sums(2*c - 1) = sums(2*c - 1) + self%stiffness*area(p)
-      sums(2*c) = sums(2*c) + self%stiffness*area(p)*dot_product(displacement(:, p), self%held(:, p))
+      sums(2*c) = sums(2*c) + self%stiffness*area(p)* &
+                  dot_product(displacement(:, p), self%held(:, p))
     end do
     call comm%sum_array(sums)
     do c = 1, size(conditions)

@@ -77,7 +77,7 @@ contains
     real(wp) :: spacing, x(ndim), normal(ndim), area
 
     free = free_surface_of(scene, r)
-    named = surfaces_of(scene, r, face)
+    allocate (named, source=surfaces_of(scene, r, face))
     spacing = region_spacing(scene, scene%region(r))
     total = piece_count(face, spacing)
     first = total*comm%rank/comm%size + 1_i8

@@ -33,9 +33,8 @@ def is_finite(file, group):
     """Are all numbers below a group of a file finite?"""
     found = []
     file[group].visititems(lambda _, item: found.append(item))
-    return all(
-        np.all(np.isfinite(item[()])) for item in found if getattr(item, "dtype", "").kind == "f"
-    )
+    data = [item[()] for item in found if isinstance(item, h5py.Dataset)]
+    return all(np.all(np.isfinite(values)) for values in data if values.dtype.kind == "f")
 
 
 @pytest.mark.parametrize(

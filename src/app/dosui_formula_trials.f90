@@ -2,7 +2,7 @@
 !! negative number would otherwise show hours later.
 module dosui_formula_trials
   use, intrinsic :: ieee_exceptions, only: ieee_all, ieee_get_status, ieee_set_halting_mode, &
-                                           ieee_set_status, ieee_status_type
+                                                                   ieee_set_status, ieee_status_type
   use dosui_kinds, only: wp
   use dosui_dimension, only: axis, ndim
   use dosui_error, only: error_t

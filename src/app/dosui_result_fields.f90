@@ -81,6 +81,8 @@ contains
                        [1, n])
     case ('rank')
       allocate (values(1, n), source=real(model%comm%rank, wp))
+    case ('porosity')   ! dry bodies may be denser than their grains
+      values = max(0.0_wp, model%particles%field(model%p%porosity)%values(:, 1:n))
     case default
       handle = model%particles%handle(name)
       if (handle > 0) then

@@ -592,6 +592,7 @@ contains
     end if
     call say_forces(model)
     if (model%coupled) call say_balance(model, search)
+    if (.not. model%coupled) call say_closed(model)
     if (model%removed > 0_i8) call model%log%info('particles removed '//to_text(model%removed))
     call model%log%summary()
   end subroutine summarise
@@ -632,6 +633,20 @@ contains
                           to_text(reactions%largest_error, 2)//' in a row')
     end associate
   end subroutine say_forces
+
+  subroutine say_closed(model)
+    !! Dry bodies that are denser than their grains: no pores are needed, but no soil is so.
+    !! Collective.
+    type(model_t), intent(inout) :: model
+    integer(i8) :: n
+
+    associate (n_particle => model%particles%count)
+      n = model%comm%sum(int(count(model%particles%field(model%p%porosity)%values &
+                                   (1, 1:n_particle) <= 0.0_wp), i8))
+    end associate
+    if (n > 0_i8) call model%log%warning(to_text(n)//' particles are compressed beyond the '// &
+                                         'volume of their grains: their porosity is written as 0')
+  end subroutine say_closed
 
   subroutine say_balance(model, search)
     !! The water's balance over the whole run, and what an error of it means. Collective.

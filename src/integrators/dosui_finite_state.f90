@@ -256,7 +256,7 @@ contains
     integer :: p, n
 
     call find_volume_ratios(model, deformation, ratio, err)
-    if (.not. err%failed()) call check_pores(self, model, ratio, err)
+    if (model%coupled .and. .not. err%failed()) call check_pores(self, model, ratio, err)
     if (err%failed()) return
     n = model%particles%count
     allocate (increment(nsig, n), trial(nsig, n), value(3, n), axes(3, 3, n))

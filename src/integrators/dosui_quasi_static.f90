@@ -729,8 +729,8 @@ contains
                             self%trouble)
       return
     end if
-    if (allocated(self%small_start%stress) .and. .not. model%finite) before = self%small_start%stress
-    call describe_trouble(model, force, .not. self%system%unknowns%is_held, pressure_step, &
+   if (allocated(self%small_start%stress) .and. .not. model%finite) before = self%small_start%stress
+    call describe_trouble(model, force,.not. self%system%unknowns%is_held, pressure_step, &
                           by_water, before, self%trouble)
   end subroutine note_trouble
 

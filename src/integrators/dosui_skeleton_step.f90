@@ -440,7 +440,8 @@ contains
       if (model%updated) then
         call update_volume(n, model%strain_increment, field(h%volume)%values, &
                            field(h%porosity)%values, n_inverted, cell=model%cell, &
-                           cell_volume_strain=cell_strain, first=first, closes=closes)
+                           cell_volume_strain=cell_strain, first=first, &
+                           needs_pores=model%coupled, closes=closes)
         if (n_inverted > 0 .and. model%inverted == 0) then
           model%inverted = first
           model%pores_close = closes

@@ -143,7 +143,7 @@ contains
     associate (field => model%particles%field, h => model%p)
       if (.not. field(h%volume)%values(1, p) > 0.0_wp) then
         what = 'has lost all its volume (J <= 0)'
-      else if (.not. field(h%porosity)%values(1, p) > 0.0_wp) then
+      else if (model%coupled .and. .not. field(h%porosity)%values(1, p) > 0.0_wp) then
         what = 'has closed pores (porosity '//to_text(field(h%porosity)%values(1, p), 3)//')'
       else if (.not. field(h%porosity)%values(1, p) < 1.0_wp) then
         what = 'has no grains left (porosity '//to_text(field(h%porosity)%values(1, p), 3)//')'

@@ -141,9 +141,9 @@ contains
   end subroutine rotate_tensors
 
   pure subroutine update_volume(n, strain_increment, volume, porosity, n_inverted, cell, &
-                                cell_volume_strain, first, closes)
+                                cell_volume_strain, first, needs_pores, closes)
     !! Kernel: V grows by the volume change of the step, grains keep theirs: (1 - n) V is constant.
-    !! Particles whose volume or pores would vanish keep them and are counted.
+    !! Particles whose volume (or pores, if they are needed) would vanish keep it and are counted.
     integer, intent(in) :: n
     real(wp), intent(in) :: strain_increment(nsig, n)       !! tension positive [-]
     real(wp), intent(inout) :: volume(n)                    !! [m3]
@@ -152,13 +152,17 @@ contains
     integer, intent(in), optional :: cell(n)
     real(wp), intent(in), optional :: cell_volume_strain(:) !! replaces the particles' own [-]
     integer, intent(out), optional :: first                 !! inverted particle, 0: none
+    logical, intent(in), optional :: needs_pores            !! for water
     logical, intent(out), optional :: closes                !! it has volume left, but no pores
-    real(wp) :: ratio
+    real(wp) :: ratio, grains   ! least volume over the present one [-]
+    logical :: is_wet
     integer :: a, p
 
     n_inverted = 0
     if (present(first)) first = 0
     if (present(closes)) closes = .false.
+    is_wet = .false.
+    if (present(needs_pores)) is_wet = needs_pores
     do p = 1, n
       ratio = 1.0_wp
       if (present(cell_volume_strain)) then
@@ -168,7 +172,8 @@ contains
           ratio = ratio + strain_increment(voigt_slot(a, a), p)
         end do
       end if
-      if (.not. (ratio > 1.0_wp - porosity(p))) then
+      grains = merge(1.0_wp - porosity(p), 0.0_wp, is_wet)
+      if (.not. (ratio > grains)) then
         n_inverted = n_inverted + 1
         if (n_inverted == 1) then
           if (present(first)) first = p

@@ -12,7 +12,7 @@ module dosui_run_files
   use dosui_result_fields, only: field_values, points_in_space, result_fields
   use dosui_result_file, only: result_field_t, result_file_t, result_layout_t
   use dosui_surface_renewal, only: free_area
-  use dosui_water_balance, only: balance_error, balance_sums
+  use dosui_water_balance, only: balance_error, balance_sums, n_scale
   implicit none
   private
 
@@ -177,7 +177,7 @@ contains
     row = [model%clock%time, model%clock%dt, real(model%clock%step, wp), sums(1:3)]
     if (model%coupled) then
       call balance_sums(model, water)
-      k = size(water) - merge(0, 1, model%sources%has_water)
+      k = size(water) - n_scale - merge(0, 1, model%sources%has_water)
       row = [row, water(1:3), balance_error(water), water(4:k)]
     end if
     if (allocated(model%scene%rigid_wall)) row = [row, momenta(model)]
@@ -281,7 +281,9 @@ contains
     if (.not. model%comm%is_root()) return
     model%balance%stored = balance(1)
     model%balance%squeezed = balance(3)
-    model%balance%inflow = balance(4:)
+    model%balance%inflow = balance(4:size(balance) - n_scale + 1)
+    model%balance%moved = balance(size(balance) - 1)
+    model%balance%noise = balance(size(balance))
     if (allocated(impulse)) then
       model%balance%wall_impulse = impulse(:ndim)
       model%balance%lost_impulse = impulse(ndim + 1:)

@@ -12,6 +12,7 @@ module dosui_equilibrium
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim, nsig
   use dosui_error, only: error_t
+  use dosui_finite_state, only: refresh_finite
   use dosui_implicit_system, only: add_hourglass_forces, find_empty
   use dosui_linear_elastic, only: linear_elastic_t
   use dosui_materials, only: material_set_t
@@ -212,7 +213,8 @@ contains
         model%particles = particles
         model%surface = surface
         model%inverted = 0
-        call add_resistance(model, state)
+        call add_resistance(model, state, err)
+        if (err%failed()) exit
         last_norm = huge(1.0_wp)
       end if
     end do
@@ -224,12 +226,15 @@ contains
     end if
   end subroutine relax
 
-  subroutine add_resistance(model, state)
+  subroutine add_resistance(model, state, err)
     !! From here on weak modes are resisted as in implicit steps, and nodes hold on to the body that
     !! it hardly touches. Collective.
     type(model_t), intent(inout) :: model
     type(trial_t), intent(inout) :: state
+    type(error_t), intent(inout) :: err
 
+    if (model%finite) call refresh_finite(model, err)   ! the operators need it
+    if (err%failed()) return
     allocate (state%moved(ndim, model%grid%n_node), source=0.0_wp)
     allocate (state%is_empty(ndim, model%grid%n_node))
     call find_empty(model, state%is_empty)

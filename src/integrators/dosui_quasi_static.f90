@@ -13,7 +13,7 @@ module dosui_quasi_static
   use dosui_dimension, only: ndim
   use dosui_error, only: error_t
   use dosui_finite_state, only: finite_start_t, refresh_finite
-  use dosui_implicit_system, only: add_hourglass_forces, implicit_system_t
+  use dosui_implicit_system, only: implicit_system_t
   use dosui_model, only: model_t
   use dosui_pore_water, only: content_change, mean_saturation, saturation_at, wet_masses
   use dosui_scene, only: table_t
@@ -133,58 +133,67 @@ contains
     class(quasi_static_t), intent(inout) :: self
     type(model_t), intent(inout) :: model
     type(error_t), intent(inout) :: err
-    real(wp), allocatable :: motion(:, :), pressure(:), supply(:), held(:, :), before(:)
+    real(wp), allocatable :: motion(:, :), pressure(:), before(:)
     type(error_t) :: failure
-    integer :: k
+    logical :: changed
 
     if (model%rigid) return
-    call allocate_increments(model, motion, pressure, supply)
-    allocate (held, mold=motion)
-    held = 0.0_wp
     call zero_velocities(model)
-    if (model%finite .or. model%nonlinear) then
-      model%clock%dt = 1.0_wp
+    model%clock%dt = 1.0_wp
+    if (model%finite .or. model%nonlinear) call self%take_start(model)
+    do
+      call allocate_increments(model, motion, pressure, before)
+      failure = error_t()
+      call find_settlement(self, model, motion, pressure, failure)
+      if (.not. failure%failed()) exit
+      if (model%finite .or. model%nonlinear) call self%move_from_start(model, 0.0_wp*motion, err)
+      if (.not. err%failed()) call turn_safe(self, model, failure%message, changed, err)
+      if (err%failed()) return
+      if (changed) cycle
+      err = failure
+      return
+    end do
+    if (.not. (model%finite .or. model%nonlinear)) then
       model%relaxing = .true.
-      call self%take_start(model)
-      call self%newton(model, model%clock%time, 0.0_wp, supply, .false., motion, pressure, err)
+      call move(model, motion, err)
       model%relaxing = .false.
       if (err%failed()) return
-      call zero_velocities(model)
-      if (model%coupled) then
-        before = model%particles%field(model%p%pore_pressure)%values(1, 1:size(pressure))
-        call add_pressure(model, pressure)
-        if (model%finite) call wet_masses(model, before, before + pressure)
-        model%pressure_scale = max(model%pressure_scale, root_mean_square(model, pressure))
-      end if
+    end if
+    call zero_velocities(model)
+    if (.not. model%coupled) return
+    before = model%particles%field(model%p%pore_pressure)%values(1, 1:size(pressure))
+    call add_pressure(model, pressure)
+    if (model%finite) call wet_masses(model, before, before + pressure)
+    model%pressure_scale = max(model%pressure_scale, root_mean_square(model, pressure))
+  end subroutine quasi_static_settle
+
+  subroutine find_settlement(self, model, motion, pressure, err)
+    !! Increments of `settle`. With Newton's iterations the state, but for the pressures, is that of
+    !! the end. Collective.
+    class(quasi_static_t), intent(inout) :: self
+    type(model_t), intent(inout) :: model
+    real(wp), intent(inout) :: motion(:, :)   !! of the nodes [m]
+    real(wp), intent(inout) :: pressure(:)    !! of the particles [Pa]
+    type(error_t), intent(inout) :: err
+    real(wp), allocatable :: held(:, :), supply(:)
+
+    allocate (held, mold=motion)
+    allocate (supply, mold=pressure)
+    held = 0.0_wp
+    supply = 0.0_wp
+    if (model%finite .or. model%nonlinear) then
+      model%relaxing = .true.
+      call self%newton(model, model%clock%time, 0.0_wp, supply, .false., motion, pressure, err)
+      model%relaxing = .false.
       return
     end if
     call gather_forces(model)
     call model%timers%start(model%phase%solver)
-    do k = 1, 2
-      failure = error_t()
-      call self%system%solve(model, 0.0_wp, model%nodal(2 + ndim:, :), model%clock%time, held, &
-                             .false., supply, direct_tolerance(self), .false., motion, pressure, &
-                             failure)
-      if (.not. failure%failed()) exit
-      if (k == 2 .or. .not. self%system%turn_direct(model)) then
-        err = failure
-        exit
-      end if
-      call factorise_instead(self, model, failure%message, err)
-      if (err%failed()) exit
-    end do
+    call self%system%solve(model, 0.0_wp, model%nodal(2 + ndim:, :), model%clock%time, held, &
+                           .false., supply, direct_tolerance(self), .false., motion, pressure, &
+                           err)
     call model%timers%stop(model%phase%solver)
-    if (err%failed()) return
-    model%relaxing = .true.
-    model%clock%dt = 1.0_wp
-    call move(model, motion, err)
-    model%relaxing = .false.
-    call zero_velocities(model)
-    if (model%coupled) then
-      call add_pressure(model, pressure)
-      model%pressure_scale = max(model%pressure_scale, root_mean_square(model, pressure))
-    end if
-  end subroutine quasi_static_settle
+  end subroutine find_settlement
 
   subroutine quasi_static_step(self, model, err)
     !! One accepted step, after as many attempts as it takes; advances the clock. Collective.
@@ -216,11 +225,9 @@ contains
       end if
       if (failure%failed()) then
         self%n_failed = self%n_failed + 1
-        if (self%system%turn_direct(model)) then
-          call factorise_instead(self, model, failure%message, err)
-          if (err%failed()) return
-          cycle
-        end if
+        call turn_safe(self, model, failure%message, changed, err)
+        if (err%failed()) return
+        if (changed) cycle
         model%next_dt = 0.25_wp*model%clock%dt
         failures = failures + 1
         if (.not. (model%coupled .or. model%nonlinear) .or. failures == solver_attempts) then
@@ -287,16 +294,20 @@ contains
     if (n > 0) text = 'Newton''s iterations '//to_text(n)//'; '
   end function newton_iterations
 
-  subroutine factorise_instead(self, model, message, err)
-    !! Builds the equations anew, for direct solutions.
+  subroutine turn_safe(self, model, message, turned, err)
+    !! After a solution that failed: equations that are more likely to be solved, if there are any.
     class(quasi_static_t), intent(inout) :: self
     type(model_t), intent(inout) :: model
     character(len=*), intent(in) :: message   !! why
+    logical, intent(out) :: turned
     type(error_t), intent(inout) :: err
+    character(len=:), allocatable :: what
 
-    call model%log%warning(message//'; direct solutions from now on')
+    call self%system%turn_safe(model, turned, what)
+    if (.not. turned) return
+    call model%log%warning(message//'; '//what//' from now on')
     call self%system%build(model, .false., err)
-  end subroutine factorise_instead
+  end subroutine turn_safe
 
   subroutine stop_at_corner(self, model)
     !! Ends a step where a table changes its slope, and halves the one before.
@@ -608,7 +619,7 @@ contains
       call gather_forces(model)
       force = model%nodal(2 + ndim:, :)
     end if
-    call add_hourglass_forces(model, motion, force)
+    call self%system%add_resistance(model, motion, force)
   end subroutine force_residual
 
   subroutine advance_within(self, model, step, pressure_step, motion, pressure, err)

@@ -28,7 +28,7 @@ module dosui_implicit_system
   implicit none
   private
 
-  public :: add_hourglass_forces, elastic_tangent, find_empty, surface_gradients
+  public :: add_hourglass_forces, elastic_tangent, find_empty, is_small, surface_gradients
 
   integer, parameter :: direct_limit(3) = [500000, 12000, 4000]   !! unknowns in 1-D, 2-D, 3-D
   integer, parameter :: last_resort = 20   !! times as many are factorised where iterations fail
@@ -137,6 +137,19 @@ contains
     if (model%coupled .and. .not. err%failed()) call self%build_water(model, err)
     call model%comm%agree(err)
   end subroutine implicit_build
+
+  logical function is_small(model)
+    !! May equations of the skeleton alone be factorised? Collective.
+    type(model_t), intent(in) :: model
+    integer :: k, n
+
+    n = 0
+    do k = 1, model%grid%n_node
+      if (model%grid%node_map%is_owned(k)) n = n + ndim
+    end do
+    is_small = model%comm%sum(n) <= direct_limit(ndim) .and. &
+               model%scene%solver%linear /= 'iterative'
+  end function is_small
 
   subroutine find_empty(model, is_empty)
     !! Nodes that no particle strains: all weights of cells and particles there are zero.

@@ -1,4 +1,4 @@
-"""Starts of bodies at rest: equilibrium is found at once, or mended, and never called a mechanism."""
+"""Starts of bodies at rest: equilibrium is found, at once if it is there; the loose is named."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def test_water_up_to_the_ground(dosui: Runner, integrator: str, stress: str, mod
     water = re.findall(r"water stored (\S+) m3 = inflow (\S+) .* pores (\S+), missing (\S+) %",
                        done.stdout)[0]  # fmt: skip
     assert [float(value) for value in water] == [0.0] * 4
-    if integrator == "quasi_static":   # its steps grow to the run's end
+    if integrator == "quasi_static":  # its steps grow to the run's end
         assert int(re.findall(r"after (\d+) steps", done.stdout)[0]) <= 20
 
 
@@ -88,9 +88,7 @@ def test_load_on_ground_at_rest(dosui: Runner) -> None:
 
 def test_free_body_is_named_with_its_place(dosui: Runner) -> None:
     """What nothing holds and weight drives is called so: its place and its way."""
-    done = dosui(
-        GROUND.format(integrator="explicit", stress="", model="", end="0.05", base="")
-    )
+    done = dosui(GROUND.format(integrator="explicit", stress="", model="", end="0.05", base=""))
     assert done.status == 1
     found = re.search(
         r"body around \(([^,]+), ([^)]+)\) m can move along \(([^,]+), ([^)]+)\) without resist",
@@ -114,7 +112,9 @@ def test_the_loose_one_of_two_bodies_is_named(dosui: Runner) -> None:
 def test_free_body_without_drive_rests(dosui: Runner) -> None:
     """A body that nothing holds and nothing drives is in equilibrium."""
     text = GROUND.format(integrator="explicit", stress="", model="", end="0.01", base="")
-    text = text.replace("gravity = 0.0, -9.81", "").replace("'hydrostatic' water_level = 4.0", "'zero'")
+    text = text.replace("gravity = 0.0, -9.81", "").replace(
+        "'hydrostatic' water_level = 4.0", "'zero'"
+    )
     text = re.sub("&(mechanical|hydraulic)_condition.*\n", "", text)
     done = dosui(text)
     assert done.status == 0, done.stderr
@@ -124,7 +124,9 @@ def test_free_body_without_drive_rests(dosui: Runner) -> None:
 def test_steady_flow_misses_little(dosui: Runner) -> None:
     """In = out: what is missing counts against what flows, not against what is stored."""
     text = GROUND.format(integrator="quasi_static", stress=GIVEN, model="", end="1.0e9", base=BASE)
-    text = text.replace("&output", "&hydraulic_condition surface = 'base' kind = 'head' value = 5.0 /\n&output")
+    text = text.replace(
+        "&output", "&hydraulic_condition surface = 'base' kind = 'head' value = 5.0 /\n&output"
+    )
     done = dosui(text)
     assert done.status == 0, done.stderr
     missing = float(re.findall(r"missing (\S+) %", done.stdout)[0])

@@ -283,7 +283,7 @@ contains
     row = [model%clock%time, model%clock%dt, real(model%clock%step, wp), sums(1:3)]
     if (model%coupled) then
       call balance_sums(model, water)
-      k = size(water) - merge(0, 1, model%sources%has_water)
+      k = size(water) - n_scale - merge(0, 1, model%sources%has_water)
       row = [row, water(1:3), balance_error(water), water(4:k)]
     end if
     if (allocated(model%scene%rigid_wall)) row = [row, momenta(model)]
@@ -397,7 +397,7 @@ contains
 
     associate (balance => model%balance)
       values = [balance%stored, balance%squeezed, balance%wall_impulse, balance%lost_impulse, &
-                balance%inflow]
+                balance%moved, balance%noise, balance%inflow]
     end associate
   end function balance_of_rank
 
@@ -411,7 +411,9 @@ contains
       balance%squeezed = values(2)
       balance%wall_impulse = values(3:2 + ndim)
       balance%lost_impulse = values(3 + ndim:2 + 2*ndim)
-      balance%inflow = values(3 + 2*ndim:)
+      balance%moved = values(3 + 2*ndim)
+      balance%noise = values(4 + 2*ndim)
+      balance%inflow = values(5 + 2*ndim:)
     end associate
   end subroutine take_balance
 

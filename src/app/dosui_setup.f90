@@ -53,7 +53,7 @@ contains
     call prepare_conditions(model)
     n = size(scene%hydraulic_condition)
     allocate (model%condition_surface(n))
-    allocate (model%balance%inflow(n + 1), source=0.0_wp)
+    allocate (model%balance%inflow(n + 2), source=0.0_wp)
     do k = 1, n
       model%condition_surface(k) = findloc(scene%surface%name == &
                                            scene%hydraulic_condition(k)%surface, .true., dim=1)

@@ -31,7 +31,7 @@ module dosui_simulation
   use dosui_text, only: to_text
   use dosui_topology, only: build_geometry, distribute, needs_rebuild, refresh_storage, &
                             refresh_weights
-  use dosui_water_balance, only: balance_error, balance_sums
+  use dosui_water_balance, only: balance_error, balance_noise, balance_sums
   implicit none
   private
 
@@ -657,6 +657,7 @@ contains
 
     call balance_sums(model, sums)
     missing = to_text(100.0_wp*balance_error(sums), 2)//' %'
+    where (abs(sums(:3)) <= balance_noise(sums)) sums(:3) = 0.0_wp   ! round-off
     call model%log%info('water stored '//to_text(sums(1), 4)//' m3 = inflow '// &
                         to_text(sums(2), 4)//' + squeezed out of pores '//to_text(sums(3), 4)// &
                         ', missing '//missing)

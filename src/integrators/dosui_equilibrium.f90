@@ -12,7 +12,8 @@ module dosui_equilibrium
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim, nsig
   use dosui_error, only: error_t
-  use dosui_implicit_system, only: add_hourglass_forces, find_empty
+  use dosui_finite_state, only: refresh_finite
+  use dosui_implicit_system, only: add_hourglass_forces, find_empty, implicit_system_t, is_small
   use dosui_linear_elastic, only: linear_elastic_t
   use dosui_materials, only: material_set_t
   use dosui_model, only: model_t
@@ -38,6 +39,7 @@ module dosui_equilibrium
   integer, parameter :: round = 500                    !! of them: a standing body gains in each
   real(wp), parameter :: least_gain = 0.5_wp           !! residual over that a round ago [-]
   real(wp), parameter :: correction = 1.0e-2_wp        !! what each leaves of the residual [-]
+  real(wp), parameter :: direct_tolerance = 1.0e-13_wp  !! of a factorised one of them [-]
   real(wp), parameter :: balanced = 1.0e-11_wp         !! residual over the weight [-]
 
   real(wp), parameter :: soft = 1.0e-11_wp        !! energy that is looked at twice ...
@@ -53,6 +55,7 @@ module dosui_equilibrium
   type :: trial_t
     !! How trial motions act.
     logical :: undrained = .false.            !! pressures follow the volume
+    logical :: is_direct = .false.            !! elastic solutions are factorised
     logical :: is_weak = .false.              !! a motion was found that strains and does no work
     real(wp), allocatable :: moved(:, :)      !! motion that hourglass modes and ties resist [m]
     logical, allocatable :: is_empty(:, :)    !! with `moved`: components that nothing strains
@@ -66,7 +69,8 @@ contains
   subroutine find_geostatic_equilibrium(model, n_iteration, stands, err, remains)
     !! Effective stresses in equilibrium with weight, loads and the pore pressures at hand, which
     !! stay. Soils that yield: initial-stress iterations, each an elastic solution whose strains
-    !! the soils then take. Collective.
+    !! the soils then take. What the soils remember depends on the way, so that solutions of small
+    !! systems are direct: the way is then the same on any number of ranks. Collective.
     type(model_t), intent(inout) :: model
     integer, intent(inout) :: n_iteration      !! in all
     logical, intent(out) :: stands             !! false: soils cannot carry the loads
@@ -74,6 +78,7 @@ contains
     character(len=:), allocatable, intent(out), optional :: remains
     !! then: how much is not carried, and where
     type(material_set_t) :: soils, elastic
+    type(implicit_system_t) :: system   ! of the elastic solutions, if they are direct
     type(load_scale_t) :: scale
     type(trial_t) :: state
     real(wp), allocatable :: residual(:, :), stress(:, :)
@@ -91,6 +96,8 @@ contains
     allocate (residual(ndim, model%grid%n_node))
     stress = model%particles%field(model%p%effective_stress)%values
     call take_strains(model, elastic, stress, err)   ! none yet: back to the yield surface
+    state%is_direct = is_small(model) .and. &
+                      .not. (model%finite .or. allocated(model%scene%rigid_wall))
     do k = 1, correction_limit + 1
       call model%comm%agree(err)
       if (err%failed()) return
@@ -98,21 +105,25 @@ contains
       call find_residual(model, state, residual, norm)
       call update_scale(model, norm, scale)
       model%relaxing = .false.
-      stands = .not. (mod(k, round) == 1 .and. norm > least_gain*round_start .or. &
-                      k > correction_limit)
+      stands = k <= correction_limit .and. &
+               .not. (mod(k, round) == 1 .and. norm > least_gain*round_start)
       if (.not. stands) exit
       if (mod(k, round) == 1) round_start = norm
       if (norm <= max(balanced*scale%loads, noise*scale%stress)) return
       stress = model%particles%field(model%p%effective_stress)%values
       model%materials = elastic
-      call relax(model, state, correction*norm/scale%loads, n_iteration, scale, err)
+      if (.not. state%is_direct) then
+        call relax(model, state, correction*norm/scale%loads, n_iteration, scale, err)
+      else
+        call relax_directly(model, state, system, n_iteration, err)
+      end if
       model%materials = soils
       if (err%failed()) return
       call take_strains(model, elastic, stress, err)
     end do
     if (present(remains)) then
-      remains = to_text(100.0_wp*norm/scale%loads, 2)//' % of the loads are not carried, around '// &
-                vector_text(centre_of(model, residual))//' m'
+      remains = to_text(100.0_wp*norm/scale%loads, 2)//' % of the loads are not carried, '// &
+                'around '//vector_text(centre_of(model, residual))//' m'
     end if
   end subroutine find_geostatic_equilibrium
 
@@ -212,7 +223,8 @@ contains
         model%particles = particles
         model%surface = surface
         model%inverted = 0
-        call add_resistance(model, state)
+        call add_resistance(model, state, err)
+        if (err%failed()) exit
         last_norm = huge(1.0_wp)
       end if
     end do
@@ -224,12 +236,52 @@ contains
     end if
   end subroutine relax
 
-  subroutine add_resistance(model, state)
+  subroutine relax_directly(model, state, system, n_iteration, err)
+    !! The motion that balances the elastic body, its pressures held, by factorisation. Where that
+    !! fails, conjugate gradients have their turn next time. Collective.
+    type(model_t), intent(inout) :: model
+    type(trial_t), intent(inout) :: state
+    type(implicit_system_t), intent(inout) :: system   !! built when it is first needed
+    integer, intent(inout) :: n_iteration
+    type(error_t), intent(inout) :: err
+    type(error_t) :: failure
+    real(wp), allocatable :: force(:, :), motion(:, :), held(:, :), tangent(:, :, :)
+    real(wp) :: none(0)
+    logical :: coupled
+
+    model%relaxing = .true.
+    model%clock%dt = 1.0_wp
+    call zero_velocities(model)
+    call gather_forces(model)
+    force = model%nodal(2 + ndim:, :)
+    allocate (motion, held, mold=force)
+    motion = 0.0_wp
+    held = 0.0_wp
+    coupled = model%coupled
+    model%coupled = .false.   ! the skeleton alone gives way
+    if (allocated(model%tangent)) call move_alloc(model%tangent, tangent)
+    if (system%unknowns%n_u == 0) call system%build(model, .false., failure)
+    if (.not. failure%failed()) then
+      call system%solve(model, 0.0_wp, force, model%clock%time, held, .false., none, &
+                        direct_tolerance, .false., motion, none, failure)
+    end if
+    if (allocated(tangent)) call move_alloc(tangent, model%tangent)
+    model%coupled = coupled
+    n_iteration = n_iteration + 1
+    state%is_direct = .not. failure%failed()
+    if (state%is_direct) call move_by(model, state, motion, err)
+    model%relaxing = .false.
+  end subroutine relax_directly
+
+  subroutine add_resistance(model, state, err)
     !! From here on weak modes are resisted as in implicit steps, and nodes hold on to the body that
     !! it hardly touches. Collective.
     type(model_t), intent(inout) :: model
     type(trial_t), intent(inout) :: state
+    type(error_t), intent(inout) :: err
 
+    if (model%finite) call refresh_finite(model, err)   ! the operators need it
+    if (err%failed()) return
     allocate (state%moved(ndim, model%grid%n_node), source=0.0_wp)
     allocate (state%is_empty(ndim, model%grid%n_node))
     call find_empty(model, state%is_empty)
@@ -264,8 +316,9 @@ contains
     sums = 0.0_wp
     do p = 1, model%particles%count
       square = sum(model%particles%field(model%p%effective_stress)%values(:, p)**2)
-      if (model%coupled) square = square + &
-                              ndim*model%particles%field(model%p%pore_pressure)%values(1, p)**2
+      if (model%coupled) then
+        square = square + ndim*model%particles%field(model%p%pore_pressure)%values(1, p)**2
+      end if
       sums = sums + model%weight(p)*[square, 1.0_wp]
     end do
     call model%comm%sum_array(sums)
@@ -395,8 +448,9 @@ contains
       !! Root mean square of the direction over the masses.
       real(wp) :: mass
 
-      mass = model%comm%sum(sum(model%particles%field(model%p%mass)%values(1, &
-                                                                       1:model%particles%count)))
+      associate (masses => model%particles%field(model%p%mass)%values)
+        mass = model%comm%sum(sum(masses(1, 1:model%particles%count)))
+      end associate
       way = sqrt(way_square/mass)
     end function motion_size
   end subroutine look_twice

@@ -24,10 +24,11 @@ module dosui_implicit_system
                              extension_ties, hourglass_operators
   use dosui_text, only: to_text
   use dosui_unknowns, only: unknowns_t
+  use dosui_weak_ties, only: weak_ties_t
   implicit none
   private
 
-  public :: add_hourglass_forces, elastic_tangent, find_empty, surface_gradients
+  public :: add_hourglass_forces, elastic_tangent, find_empty, is_small, surface_gradients
 
   integer, parameter :: direct_limit(3) = [500000, 12000, 4000]   !! unknowns in 1-D, 2-D, 3-D
   integer, parameter :: last_resort = 20   !! times as many are factorised where iterations fail
@@ -45,6 +46,8 @@ module dosui_implicit_system
     real(wp) :: volume = 1.0_wp      !! unit of water volumes [m3]
     real(wp) :: tolerance = 1.0e-6_wp   !! of linear solutions [-]
     logical, private :: insists_on_direct = .false.   !! iterations have failed
+    logical, private :: resists = .false.   !! a direct solution has failed: weak nodes are tied
+    type(weak_ties_t), private :: ties
     real(wp), allocatable, private :: storage(:)   !! entries of S
     integer, allocatable, private :: storage_place(:, :)   !! (2, :) particles of those of S itself
     real(wp), allocatable, private :: flow(:)      !! entries of -VL, after those of S
@@ -61,7 +64,8 @@ module dosui_implicit_system
     procedure :: internal_forces => implicit_internal_forces
     procedure :: stored => implicit_stored
     procedure :: stored_by_projection => implicit_stored_by_projection
-    procedure :: turn_direct => implicit_turn_direct
+    procedure :: turn_safe => implicit_turn_safe
+    procedure :: add_resistance => implicit_add_resistance
     procedure :: set_step => implicit_set_step
     procedure :: volume_change => implicit_volume_change
     procedure :: pressure_forces => implicit_pressure_forces
@@ -133,6 +137,19 @@ contains
     if (model%coupled .and. .not. err%failed()) call self%build_water(model, err)
     call model%comm%agree(err)
   end subroutine implicit_build
+
+  logical function is_small(model)
+    !! May equations of the skeleton alone be factorised? Collective.
+    type(model_t), intent(in) :: model
+    integer :: k, n
+
+    n = 0
+    do k = 1, model%grid%n_node
+      if (model%grid%node_map%is_owned(k)) n = n + ndim
+    end do
+    is_small = model%comm%sum(n) <= direct_limit(ndim) .and. &
+               model%scene%solver%linear /= 'iterative'
+  end function is_small
 
   subroutine find_empty(model, is_empty)
     !! Nodes that no particle strains and no penalty wall holds: all weights there are zero.
@@ -300,6 +317,7 @@ contains
       call add_masses(self, model, skeleton)
     else
       call add_walls(self, model, skeleton)
+      if (self%resists) call add_tie_entries(self, skeleton)
       if (model%finite) call add_pressure_loads(self, model, skeleton)
     end if
     call skeleton%finish()
@@ -955,16 +973,62 @@ contains
     force = force + internal
   end subroutine implicit_internal_forces
 
-  logical function implicit_turn_direct(self, model) result(turned)
-    !! After iterations that failed: the next `build` factorises, if the scene leaves the choice
-    !! and the system is not too large. Collective.
+  subroutine implicit_turn_safe(self, model, turned, what)
+    !! After a solution that failed: the next `build` factorises, if the scene leaves the choice
+    !! and the system is not too large, or ties nodes that the body hardly touches. Collective.
     class(implicit_system_t), intent(inout) :: self
-    type(model_t), intent(in) :: model
+    type(model_t), intent(inout) :: model
+    logical, intent(out) :: turned
+    character(len=:), allocatable, intent(out) :: what   !! is done from now on
 
-    turned = .not. self%system%is_direct .and. model%scene%solver%linear == 'auto' .and. &
-             sum(self%system%n_all) <= last_resort*direct_limit(ndim)
-    if (turned) self%insists_on_direct = .true.
-  end function implicit_turn_direct
+    turned = .false.
+    what = ''
+    if (.not. self%system%is_direct) then
+      turned = model%scene%solver%linear == 'auto' .and. &
+               sum(self%system%n_all) <= last_resort*direct_limit(ndim)
+      self%insists_on_direct = turned
+      what = 'direct solutions'
+    else if (.not. (self%resists .or. self%is_dynamic .or. model%rigid)) then
+      call self%ties%find(model)
+      turned = model%comm%any(self%ties%n > 0)
+      self%resists = turned
+      what = 'nodes beyond the body are tied to it'
+    end if
+  end subroutine implicit_turn_safe
+
+  subroutine implicit_add_resistance(self, model, motion, force)
+    !! Adds the forces by which weak modes resist a motion, the derivative of what the system has
+    !! for them. Collective.
+    class(implicit_system_t), intent(in) :: self
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: motion(:, :)       !! (ndim, n_node) [m]
+    real(wp), intent(inout) :: force(:, :)     !! (ndim, n_node), complete [N]
+
+    call add_hourglass_forces(model, motion, force)
+    if (self%resists) call self%ties%add_forces(model, motion, force)
+  end subroutine implicit_add_resistance
+
+  subroutine add_tie_entries(self, skeleton)
+    !! Stiffness of the ties of weak nodes.
+    class(implicit_system_t), intent(in) :: self
+    type(entries_t), intent(inout) :: skeleton
+    integer :: t, a, b, d
+
+    associate (ties => self%ties, row => self%unknowns%row, sign => self%unknowns%sign)
+      do t = 1, ties%n
+        do b = 1, size(ties%node, 1)
+          do a = 1, size(ties%node, 1)
+            do d = 1, ndim
+              call skeleton%add(row(d, ties%node(a, t)), row(d, ties%node(b, t)), &
+                                sign(d, ties%node(a, t))*sign(d, ties%node(b, t))* &
+                                ties%spring(t)*ties%weight(a, t)*ties%weight(b, t)* &
+                                self%length/self%force)
+            end do
+          end do
+        end do
+      end do
+    end associate
+  end subroutine add_tie_entries
 
   subroutine implicit_stored(self, model, flow_weight, pressure, stored, err)
     !! S V p - a V L p: what increments of pressure store and let out. Collective.

@@ -40,9 +40,12 @@ module dosui_model
 
   type, public :: balance_t
     !! Running sums of this rank, for the history and the closing summary.
-    real(wp), allocatable :: inflow(:)   !! through each hydraulic condition, and of sources [m3]
+    real(wp), allocatable :: inflow(:)
+    !! through each hydraulic condition, and of sources; then gross, in and out [m3]
     real(wp) :: squeezed = 0.0_wp    !! water displaced by the skeleton's volume change [m3]
     real(wp) :: stored = 0.0_wp      !! water stored by compression since the start [m3]
+    real(wp) :: moved = 0.0_wp       !! both of them, whatever their sign [m3]
+    real(wp) :: noise = 0.0_wp       !! square of what round-off makes of them [m6]
     real(wp) :: wall_impulse(ndim) = 0.0_wp   !! of rigid walls on the bodies [N s]
     real(wp) :: lost_impulse(ndim) = 0.0_wp   !! of forces on almost massless nodes, reversed [N s]
   end type balance_t

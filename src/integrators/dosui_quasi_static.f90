@@ -14,7 +14,7 @@ module dosui_quasi_static
   use dosui_error, only: error_t
   use dosui_finite_state, only: finite_start_t, refresh_finite
   use dosui_force_balance, only: close_rest
-  use dosui_implicit_system, only: add_hourglass_forces, elastic_tangent, implicit_system_t
+  use dosui_implicit_system, only: elastic_tangent, implicit_system_t
   use dosui_model, only: model_t
   use dosui_pore_water, only: content_change, mean_saturation, saturation_at, wet_masses
   use dosui_progress_watch, only: progress_watch_t
@@ -149,62 +149,70 @@ contains
     class(quasi_static_t), intent(inout) :: self
     type(model_t), intent(inout) :: model
     type(error_t), intent(inout) :: err
-    real(wp), allocatable :: motion(:, :), pressure(:), supply(:), held(:, :), before(:)
+    real(wp), allocatable :: motion(:, :), pressure(:), before(:)
     type(error_t) :: failure
-    integer :: k
+    logical :: changed
 
     if (model%rigid) return
-    call allocate_increments(model, motion, pressure, supply)
-    allocate (held, mold=motion)
-    held = 0.0_wp
     call zero_velocities(model)
-    if (model%finite .or. model%nonlinear) then
-      model%clock%dt = 1.0_wp
+    model%clock%dt = 1.0_wp
+    if (model%finite .or. model%nonlinear) call self%take_start(model)
+    do
+      call allocate_increments(model, motion, pressure, before)
+      failure = error_t()
+      call find_settlement(self, model, motion, pressure, failure)
+      if (.not. failure%failed()) exit
+      if (model%finite .or. model%nonlinear) call self%move_from_start(model, 0.0_wp*motion, err)
+      if (.not. err%failed()) call turn_safe(self, model, failure%message, changed, err)
+      if (err%failed()) return
+      if (changed) cycle
+      err = failure
+      return
+    end do
+    if (.not. (model%finite .or. model%nonlinear)) then
       model%relaxing = .true.
-      call self%take_start(model)
-      call self%newton(model, model%clock%time, 0.0_wp, supply, .false., motion, pressure, err)
+      call move(model, motion, err)
       model%relaxing = .false.
       if (err%failed()) return
-      call zero_velocities(model)
-      if (model%coupled) then
-        before = model%particles%field(model%p%pore_pressure)%values(1, 1:size(pressure))
-        call add_pressure(model, pressure)
-        call self%report_forces(model, model%clock%time, motion)
-        if (model%finite) call wet_masses(model, before, before + pressure)
-        model%pressure_scale = max(model%pressure_scale, root_mean_square(model, pressure))
-      else
-        call self%report_forces(model, model%clock%time, motion)
-      end if
+    end if
+    call zero_velocities(model)
+    if (model%coupled) then
+      before = model%particles%field(model%p%pore_pressure)%values(1, 1:size(pressure))
+      call add_pressure(model, pressure)
+    end if
+    call self%report_forces(model, model%clock%time, motion)
+    if (.not. model%coupled) return
+    if (model%finite) call wet_masses(model, before, before + pressure)
+    model%pressure_scale = max(model%pressure_scale, root_mean_square(model, pressure))
+  end subroutine quasi_static_settle
+
+  subroutine find_settlement(self, model, motion, pressure, err)
+    !! Increments of `settle`. With Newton's iterations the state, but for the pressures, is that of
+    !! the end. Collective.
+    class(quasi_static_t), intent(inout) :: self
+    type(model_t), intent(inout) :: model
+    real(wp), intent(inout) :: motion(:, :)   !! of the nodes [m]
+    real(wp), intent(inout) :: pressure(:)    !! of the particles [Pa]
+    type(error_t), intent(inout) :: err
+    real(wp), allocatable :: held(:, :), supply(:)
+
+    allocate (held, mold=motion)
+    allocate (supply, mold=pressure)
+    held = 0.0_wp
+    supply = 0.0_wp
+    if (model%finite .or. model%nonlinear) then
+      model%relaxing = .true.
+      call self%newton(model, model%clock%time, 0.0_wp, supply, .false., motion, pressure, err)
+      model%relaxing = .false.
       return
     end if
     call gather_forces(model)
     call model%timers%start(model%phase%solver)
-    do k = 1, 2
-      failure = error_t()
-      call self%system%solve(model, 0.0_wp, model%nodal(2 + ndim:, :), model%clock%time, held, &
-                             .false., supply, direct_tolerance(self), .false., motion, pressure, &
-                             failure)
-      if (.not. failure%failed()) exit
-      if (k == 2 .or. .not. self%system%turn_direct(model)) then
-        err = failure
-        exit
-      end if
-      call factorise_instead(self, model, failure%message, err)
-      if (err%failed()) exit
-    end do
+    call self%system%solve(model, 0.0_wp, model%nodal(2 + ndim:, :), model%clock%time, held, &
+                           .false., supply, direct_tolerance(self), .false., motion, pressure, &
+                           err)
     call model%timers%stop(model%phase%solver)
-    if (err%failed()) return
-    model%relaxing = .true.
-    model%clock%dt = 1.0_wp
-    call move(model, motion, err)
-    model%relaxing = .false.
-    call zero_velocities(model)
-    if (model%coupled) then
-      call add_pressure(model, pressure)
-      model%pressure_scale = max(model%pressure_scale, root_mean_square(model, pressure))
-    end if
-    call self%report_forces(model, model%clock%time, motion)
-  end subroutine quasi_static_settle
+  end subroutine find_settlement
 
   subroutine quasi_static_step(self, model, err)
     !! One accepted step, after as many attempts as it takes; advances the clock. Collective.
@@ -286,12 +294,11 @@ contains
     type(error_t), intent(in) :: failure
     integer, intent(inout) :: failures    !! of this step
     type(error_t), intent(inout) :: err
+    logical :: turned
 
     self%n_failed = self%n_failed + 1
-    if (self%system%turn_direct(model)) then
-      call factorise_instead(self, model, failure%message, err)
-      return
-    end if
+    call turn_safe(self, model, failure%message, turned, err)
+    if (err%failed() .or. turned) return
     failures = failures + 1
     call self%watch%fail(model%clock%dt)
     if (.not. self%stiffening > 0.0_wp .and. model%materials%is_nonlinear() .and. &
@@ -374,16 +381,20 @@ contains
     if (n > 0) text = 'Newton''s iterations '//to_text(n)//'; '
   end function newton_iterations
 
-  subroutine factorise_instead(self, model, message, err)
-    !! Builds the equations anew, for direct solutions.
+  subroutine turn_safe(self, model, message, turned, err)
+    !! After a solution that failed: equations that are more likely to be solved, if there are any.
     class(quasi_static_t), intent(inout) :: self
     type(model_t), intent(inout) :: model
     character(len=*), intent(in) :: message   !! why
+    logical, intent(out) :: turned
     type(error_t), intent(inout) :: err
+    character(len=:), allocatable :: what
 
-    call model%log%warning(message//'; direct solutions from now on')
+    call self%system%turn_safe(model, turned, what)
+    if (.not. turned) return
+    call model%log%warning(message//'; '//what//' from now on')
     call self%system%build(model, .false., err)
-  end subroutine factorise_instead
+  end subroutine turn_safe
 
   subroutine stop_at_corner(self, model)
     !! Ends a step where a table changes its slope, and halves the one before.
@@ -869,7 +880,7 @@ contains
       end if
       field%values = velocity
     end associate
-    call add_hourglass_forces(model, motion, force)
+    call self%system%add_resistance(model, motion, force)
   end subroutine force_residual
 
   subroutine advance_within(self, model, step, pressure_step, motion, pressure, err)

@@ -2,7 +2,9 @@
 !!
 !! Storage comes from the particles' pressures, the skeleton's share from their volume changes, the
 !! inflow from the fluxes at surface points. What is missing is what the meshfree operator creates
-!! or loses: it is exact for quadratic heads and not conservative by construction.
+!! or loses: it is exact for quadratic heads and not conservative by construction. It is measured
+!! against the gross flow, all that flowed in, flowed out, was stored, let go or displaced, and is
+!! nothing where it is no more than the round-off of heads and pressures.
 module dosui_water_balance
   use dosui_kinds, only: wp
   use dosui_head_operator, only: kind_flux
@@ -11,23 +13,27 @@ module dosui_water_balance
   implicit none
   private
 
-  real(wp), parameter :: through_flow_share = 1.0e-9_wp   ! of the inflow of one surface [-]
+  real(wp), parameter :: round_off = 1.0e-13_wp   !! of the heads and pressures of a step [-]
+  integer, parameter :: n_scale = 3               !! of `balance_sums`, at its end
 
-  public :: inflow_rate, surface_values, add_to_balance, balance_sums, balance_error
+  public :: inflow_rate, surface_values, add_to_balance, balance_sums, balance_error, &
+            balance_noise, n_scale
 
 contains
 
   subroutine inflow_rate(model, supply, rate)
     !! Inflow of this rank through each hydraulic condition's surface, and from sources, for the
-    !! heads and surface data at hand [m3/s].
+    !! heads and surface data at hand; then what flows in or out, whatever its sign [m3/s].
     type(model_t), intent(in) :: model
     real(wp), intent(in) :: supply    !! from sources, all of this rank's particles [m3/s]
-    real(wp), intent(out) :: rate(:)  !! (conditions + 1)
+    real(wp), intent(out) :: rate(:)  !! (conditions + 2)
     real(wp) :: flux(model%surface_flux%n)
-    integer :: p, e, c
+    integer :: p, e, c, gross
 
+    gross = size(rate)
     rate = 0.0_wp
-    rate(size(rate)) = supply
+    rate(gross - 1) = supply
+    rate(gross) = abs(supply)
     call surface_values(model, flux)
     associate (area => model%surface%field(model%s%area)%values, &
                conditions => model%hydraulic_conditions)
@@ -36,11 +42,14 @@ contains
         p = model%surface_flux%point(e)
         c = conditions%condition(p)
         rate(c) = rate(c) - model%surface_flux%share(e)*area(1, p)*flux(e)
+        rate(gross) = rate(gross) + model%surface_flux%share(e)*area(1, p)*abs(flux(e))
       end do
       do p = 1, model%surface%count
         c = conditions%condition(p)
         if (c == 0) cycle
-        if (conditions%kind(p) == kind_flux) rate(c) = rate(c) - area(1, p)*conditions%datum(p)
+        if (conditions%kind(p) /= kind_flux) cycle
+        rate(c) = rate(c) - area(1, p)*conditions%datum(p)
+        rate(gross) = rate(gross) + area(1, p)*abs(conditions%datum(p))
       end do
     end associate
   end subroutine inflow_rate
@@ -66,37 +75,71 @@ contains
     real(wp), intent(in) :: inflow(:)              !! of the step, as from `inflow_rate` [m3]
     real(wp), intent(in) :: before(:), after(:)    !! pressures of owned particles [Pa]
 
+    real(wp) :: content(size(before)), volume(size(before))   ! changes of the step [m3]
+
     associate (balance => model%balance, n => size(before))
+      content = model%weight(1:n)*content_change(model, before, after)
       balance%inflow = balance%inflow + inflow
-      balance%stored = balance%stored + dot_product(model%weight(1:n), &
-                                                    content_change(model, before, after))
+      balance%stored = balance%stored + sum(content)
+      balance%moved = balance%moved + sum(abs(content))
       if (.not. model%rigid) then
-        balance%squeezed = balance%squeezed - sum(model%weight(1:n)*model%volume_strain(1:n)* &
-                                                  mean_saturation(model, before, after))
+        volume = model%weight(1:n)*model%volume_strain(1:n)*mean_saturation(model, before, after)
+        balance%squeezed = balance%squeezed - sum(volume)
+        balance%moved = balance%moved + sum(abs(volume))
       end if
+      balance%noise = balance%noise + (round_off*water_at_hand(model, after))**2
     end associate
   end subroutine add_to_balance
 
+  pure real(wp) function water_at_hand(model, pressure) result(volume)
+    !! What round-off is a part of: the water that pressures keep stored and displaced, and what
+    !! heads would drive through a spacing in the step [m3].
+    type(model_t), intent(in) :: model
+    real(wp), intent(in) :: pressure(:)   !! of owned particles [Pa]
+    real(wp) :: softness
+    integer :: p
+
+    softness = 0.0_wp
+    if (.not. model%rigid) softness = 1.0_wp/model%skeleton_modulus
+    volume = sum(model%weight(1:size(pressure))*abs(pressure)* &
+                 (model%storage%compressibility(1:size(pressure)) + softness))
+    do p = 1, model%surface%count
+      if (model%hydraulic_conditions%condition(p) == 0) cycle
+      if (model%hydraulic_conditions%kind(p) == kind_flux) cycle
+      volume = volume + model%surface%field(model%s%area)%values(1, p)*model%clock%dt* &
+               maxval(model%scene%material%hydraulic_conductivity)* &
+               abs(model%hydraulic_conditions%datum(p))/model%spacing
+    end do
+  end function water_at_hand
+
   subroutine balance_sums(model, sums)
-    !! Stored, inflow, squeezed, then the inflow of each condition and of the sources [m3], over
-    !! all ranks. Collective.
+    !! Stored, inflow, squeezed, then the inflow of each condition and of the sources, then the
+    !! `n_scale` of the error: gross flow through surfaces and within the body, square of the noise
+    !! [m3, m3, m6], over all ranks. Collective.
     type(model_t), intent(in) :: model
     real(wp), allocatable, intent(out) :: sums(:)
 
-    associate (balance => model%balance)
-      sums = [balance%stored, sum(balance%inflow), balance%squeezed, balance%inflow]
+    associate (balance => model%balance, n => size(model%balance%inflow) - 1)
+      sums = [balance%stored, sum(balance%inflow(:n)), balance%squeezed, balance%inflow(:n), &
+              balance%inflow(n + 1), balance%moved, balance%noise]
     end associate
     call model%comm%sum_array(sums)
   end subroutine balance_sums
 
   pure real(wp) function balance_error(sums) result(error)
-    !! What is missing in stored = inflow + squeezed, relative to the largest of them [-], or to
-    !! the round-off of what only flows through.
+    !! What is missing in stored = inflow + squeezed, relative to the gross flow [-].
     real(wp), intent(in) :: sums(:)   !! as from `balance_sums`
-    real(wp) :: largest
+    real(wp) :: missing
 
-    largest = max(maxval(abs(sums(1:3))), through_flow_share*maxval(abs(sums)))
+    missing = abs(sums(1) - sums(2) - sums(3))
     error = 0.0_wp
-    if (largest > 0.0_wp) error = abs(sums(1) - sums(2) - sums(3))/largest
+    if (missing > balance_noise(sums)) error = missing/sum(sums(size(sums) - 2:size(sums) - 1))
   end function balance_error
+
+  pure real(wp) function balance_noise(sums) result(noise)
+    !! Volumes that are round-off only [m3].
+    real(wp), intent(in) :: sums(:)   !! as from `balance_sums`
+
+    noise = sqrt(sums(size(sums)))
+  end function balance_noise
 end module dosui_water_balance

@@ -152,7 +152,7 @@ contains
     type(model_t), intent(in) :: model
     real(wp), intent(in) :: time           !! [s]
     real(wp), intent(inout) :: rate(:)     !! of owned particles [1/s]
-    real(wp), intent(out) :: inflow(:)     !! (conditions + 1) [m3/s]
+    real(wp), intent(out) :: inflow(:)     !! as from `inflow_rate` [m3/s]
     real(wp), allocatable :: supply(:)
     real(wp) :: supplied
     integer :: n

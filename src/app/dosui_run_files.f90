@@ -16,7 +16,7 @@ module dosui_run_files
   use dosui_scene_record, only: compare_records, write_record
   use dosui_surface_renewal, only: free_area
   use dosui_text, only: to_text
-  use dosui_water_balance, only: balance_error, balance_sums
+  use dosui_water_balance, only: balance_error, balance_sums, n_scale
   implicit none
   private
 

@@ -12,7 +12,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-import damage
+import damaged_inputs as damage
 import h5py
 import numpy as np
 import pytest
@@ -174,7 +174,7 @@ def test_pipes_and_devices_are_refused(dosui: Runner, tmp_path: Path, kind: str)
 
 @pytest.mark.parametrize("kind", list(damage.KINDS))
 def test_damaged_inputs(tmp_path: Path, kind: str) -> None:
-    """As tests/verification/damage.py, which tries hundreds: right, and no crash."""
+    """As tests/verification/damaged_inputs.py, which tries hundreds: right, and no crash."""
     for seed in range(100, 105):
         assert damage.try_one(kind, seed, tmp_path) in ("accepted", "refused"), seed
 

@@ -1,6 +1,6 @@
 """Damages input files of every kind and compares dosui's verdict with an independent one.
 
-python tests/verification/damage.py --count 300 --seed 1     # prints how many were refused
+python tests/verification/damaged_inputs.py --count 300 --seed 1     # prints how many were refused
 """
 
 from __future__ import annotations

@@ -58,6 +58,7 @@ module dosui_hdf5
     !! One open file; every rank of the communicator holds one.
     integer(hid_t) :: id = -1_hid_t
     character(len=:), allocatable :: path
+    logical, private :: is_writable = .false.
   contains
     procedure :: create => file_create
     procedure :: open => file_open
@@ -137,6 +138,7 @@ contains
     call h5fcreate_f(path, h5f_acc_trunc_f, self%id, status, creation, access)
     call check_writing(status, path, err)
     if (status < 0) self%id = -1_hid_t
+    self%is_writable = .true.
     call close_property(access)
     call close_property(creation)
   end subroutine file_create
@@ -167,6 +169,7 @@ contains
     if (err%failed()) return
     access = file_access(comm)
     self%path = path
+    self%is_writable = writable
     call h5fopen_f(path, merge(h5f_acc_rdwr_f, h5f_acc_rdonly_f, writable), self%id, status, access)
     call check(status, 'cannot open the file '//path, err)
     if (status < 0) self%id = -1_hid_t
@@ -186,16 +189,18 @@ contains
   subroutine file_close(self, err)
     !! Closes the file and every object of it still open. Collective.
     !!
-    !! After an error, or if what is left to write cannot be written, the file stays open: HDF5 1.10
+    !! After an error, or if the rest cannot be written, a writable file stays open: HDF5 1.10
     !! frees a file whose closing fails, but remembers it and crashes when the library ends.
     class(hdf5_file_t), intent(inout) :: self
     type(error_t), intent(inout) :: err
     integer :: status
 
     if (.not. self%is_open()) return
-    call h5fflush_f(self%id, h5f_scope_global_f, status)
-    call check_writing(status, self%path, err)
-    if (.not. err%failed()) then
+    if (self%is_writable) then
+      call h5fflush_f(self%id, h5f_scope_global_f, status)
+      call check_writing(status, self%path, err)
+    end if
+    if (.not. (self%is_writable .and. err%failed())) then
       call h5fclose_f(self%id, status)
       call check_writing(status, self%path, err)
     end if

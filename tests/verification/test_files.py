@@ -12,7 +12,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-import damage_inputs
+import damaged_inputs as damage
 import h5py
 import numpy as np
 import pytest
@@ -139,7 +139,7 @@ def test_dollar_groups_are_named(dosui: Runner) -> None:
 def test_motions_that_cannot_be(dosui: Runner, tmp_path: Path, table: str, message: str) -> None:
     """Named with the file, line and column."""
     (tmp_path / "damaged").write_bytes(table.encode("latin-1"))
-    run = dosui(damage_inputs.MOTION_SCENE, "--check")
+    run = dosui(damage.MOTION_SCENE, "--check")
     assert run.status == 2, run.stdout
     assert "'damaged'" in run.stderr or "damaged:" in run.stderr
     assert message in run.stderr
@@ -148,7 +148,7 @@ def test_motions_that_cannot_be(dosui: Runner, tmp_path: Path, table: str, messa
 def test_byte_order_marks_are_skipped(dosui: Runner, tmp_path: Path) -> None:
     """In motions, tables, triangles and scenes."""
     for kind in ("motion", "particles", "stl_text"):
-        scene, make, _, _ = damage_inputs.KINDS[kind]
+        scene, make, _, _ = damage.KINDS[kind]
         (tmp_path / "damaged").write_bytes(b"\xef\xbb\xbf" + make().replace(b"\n", b"\r\n"))
         run = dosui("\ufeff" + scene, "--check")
         assert run.status == 0, run.stderr
@@ -157,7 +157,7 @@ def test_byte_order_marks_are_skipped(dosui: Runner, tmp_path: Path) -> None:
 @pytest.mark.parametrize("kind", ["motion", "particles", "stl_text", "scene"])
 def test_pipes_and_devices_are_refused(dosui: Runner, tmp_path: Path, kind: str) -> None:
     """Nothing waits for ever."""
-    scene = damage_inputs.KINDS[kind][0]
+    scene = damage.KINDS[kind][0]
     name = "scene2.nml" if kind == "scene" else "damaged"
     for make, message in (
         (os.mkfifo, "it is a pipe, not a file"),
@@ -172,11 +172,11 @@ def test_pipes_and_devices_are_refused(dosui: Runner, tmp_path: Path, kind: str)
         os.rmdir(tmp_path / name) if (tmp_path / name).is_dir() else os.remove(tmp_path / name)
 
 
-@pytest.mark.parametrize("kind", list(damage_inputs.KINDS))
+@pytest.mark.parametrize("kind", list(damage.KINDS))
 def test_damaged_inputs(tmp_path: Path, kind: str) -> None:
-    """As tests/verification/damage_inputs.py, which tries hundreds: right, and no crash."""
+    """As tests/verification/damaged_inputs.py, which tries hundreds: right, and no crash."""
     for seed in range(100, 105):
-        assert damage_inputs.try_one(kind, seed, tmp_path) in ("accepted", "refused"), seed
+        assert damage.try_one(kind, seed, tmp_path) in ("accepted", "refused"), seed
 
 
 def test_pressure_of_element_tests(dosui: Runner) -> None:

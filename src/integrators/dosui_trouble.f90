@@ -75,7 +75,7 @@ contains
     text = ''
     if (model%particles%count == 0) return
     associate (field => model%particles%field, h => model%p, n => model%particles%count)
-      p = nearest(field(place(model))%values(:, 1:n), x)
+      p = nearest_point(field(place(model))%values(:, 1:n), x)
       m = nint(field(h%material)%values(1, p))
       text = " in '"//trim(model%scene%material(m)%name)//"'"//surface_near(model, x)
       if (by_water) then
@@ -182,7 +182,7 @@ contains
     place = merge(model%p%position_at_build, model%p%position, model%finite)
   end function place
 
-  pure integer function nearest(position, x) result(p)
+  pure integer function nearest_point(position, x) result(p)
     !! The point nearest to a place.
     real(wp), intent(in) :: position(:, :)   !! (ndim, n) [m]
     real(wp), intent(in) :: x(ndim)          !! [m]
@@ -197,5 +197,5 @@ contains
       least = square
       p = k
     end do
-  end function nearest
+  end function nearest_point
 end module dosui_trouble

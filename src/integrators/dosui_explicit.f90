@@ -14,6 +14,7 @@ module dosui_explicit
   use dosui_skeleton_step, only: finish_forces, gather_forces, update_nodes, update_particles
   use dosui_state_check, only: note_fault
   use dosui_super_time_stepping, only: stages_needed
+  use dosui_text, only: to_text
   use dosui_time_control, only: step_limit_t
   use dosui_topology, only: refresh_storage
   use dosui_water_step, only: update_pressure
@@ -21,6 +22,8 @@ module dosui_explicit
   private
 
   public :: explicit_step, choose_explicit_step, damping_limit, fastest_particle
+
+  integer, parameter :: most_substeps = 100000000   !! of the water in a step; 2e4 stages of RKL2
 
 contains
 
@@ -30,6 +33,13 @@ contains
     logical, intent(in) :: drained
     type(error_t), intent(inout) :: err
 
+    if (model%substeps > most_substeps) then
+      call err%set('a step of '//to_text(model%clock%dt, 3)//' s needs more than '// &
+                   to_text(most_substeps)//' sub-steps of the water, whose explicit limit is '// &
+                   to_text(model%diffusion_limit, 3)//' s: a smaller time_step, or an implicit '// &
+                   'integrator')
+      return
+    end if
     if (.not. model%rigid) then
       call want_forces(model)
       call gather_forces(model)
@@ -103,8 +113,13 @@ contains
     model%stages = 0
     ratio = model%clock%dt/(courant*model%diffusion_limit)
     if (.not. model%coupled .or. stepping == 'single' .or. model%rigid .or. ratio <= 1.0_wp) return
-    if (stepping == 'subcycle') model%substeps = ceiling(ratio)
-    if (stepping == 'rkl2') model%stages = stages_needed(ratio)
+    if (ratio > real(most_substeps, wp)) then
+      model%substeps = most_substeps + 1   ! the step refuses it
+    else if (stepping == 'subcycle') then
+      model%substeps = ceiling(ratio)
+    else if (stepping == 'rkl2') then
+      model%stages = stages_needed(ratio)
+    end if
   end subroutine choose_explicit_step
 
   pure real(wp) function damping_limit(model) result(limit)

@@ -79,6 +79,10 @@ contains
     if (any(abs(scene%grid_origin) > limit)) then
       call complain(namelist, problems, 'grid', 1, 'origin', reason)
     end if
+    if (any(scene%grid_period > real(largest_index, wp)*scene%grid_spacing)) then
+      call complain(namelist, problems, 'grid', 1, 'period', 'must be at most '// &
+                    to_text(largest_index)//' cells')
+    end if
     do r = 1, size(scene%region)
       if (scene%region(r)%shape == 'stl') cycle
       call shape_bounds(scene%region(r), scene%region(r)%shape_angle, low, high)

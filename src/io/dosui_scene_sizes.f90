@@ -141,8 +141,11 @@ contains
       do e = 1, ndim - 1
         area = area*max(1.0_wp, ratio(norm2(faces(f)%edge(:, e)), spacing))
       end do
-      if (faces(f)%name == 'round') area = real(2*ndim - 2, wp)*pi* &
-                                           ratio(faces(f)%radius, spacing)**(ndim - 1)
+      if (faces(f)%name == 'round') then   ! cut as the body is, about
+        area = real(2*ndim - 2, wp)*pi*ratio(faces(f)%radius, spacing)**(ndim - 1)
+        area = area*min(1.0_wp, ratio(shape_measure(region), real(2*ndim - 2, wp)*pi* &
+                                      faces(f)%radius**ndim/real(ndim, wp)))
+      end if
       points = points + area
     end do
   end function region_points

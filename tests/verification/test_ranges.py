@@ -170,6 +170,7 @@ def test_bodies_that_fly_away(dosui: Runner) -> None:
     [
         ("spacing = 0.25", "spacing = 1e-7", ":3: &grid spacing = 1e-7: "),
         ("spacing = 0.25", "spacing = 0.25 origin = 1e20, 0", ":3: &grid origin = 1e20, 0: "),
+        ("spacing = 0.25", "spacing = 0.25 period = 1e7, 0", ":3: &grid period = 1e7, 0: "),
         ("box_max = 1, 1", "box_max = 2500000, 1000000", ":6: &region box_max = 2500000, 1000000"),
         ("box_max = 1, 1", "box_max = 1, 1 particle_spacing = 1e-9", "particle_spacing = 1e-9: "),
         ("box_min = 0, 0", "box_min = -1e200, 0", ":6: &region "),
@@ -205,6 +206,40 @@ def test_far_apart_bodies_are_refused(dosui: Runner) -> None:
     assert run.status == 2
     assert "the grid reaches" in run.stderr
     assert "&region radius" in run.stderr
+
+
+def test_too_many_substeps(dosui: Runner) -> None:
+    """A step whose sub-steps 32 bits do not count is refused, not taken without any."""
+    text = column((0,), "0.0625").replace("'quasi_static'", "'explicit'")
+    text = text.replace("conductivity = 1e-6", "conductivity = 1")
+    for stepping in ("subcycle", "rkl2"):
+        run = dosui(
+            text.replace("end_time = 500 output_times = 100", "end_time = 10 time_step = 10")
+            + f"&water stepping = '{stepping}' /\n",
+            folder=stepping,
+            timeout=60,
+        )
+        assert run.status == 1, run.stdout
+        assert "sub-steps of the water" in run.stderr
+
+
+def test_ranks_and_restarts(dosui: Runner) -> None:
+    """Far away, too, ranks agree to round-off and a restart repeats every bit."""
+    text = falling((524288, 4194304)).replace("time_step = 5e-4", "time_step = 5e-4 {}")
+    whole = dosui(text.format("output_times = 0.025"), folder="whole")
+    assert whole.status == 0, whole.stderr
+    two = dosui(text.format("output_times = 0.025"), ranks=2, folder="two")
+    assert two.status == 0, two.stderr
+    for key, difference in differences(whole, two, (0, 0)).items():
+        assert difference <= 1e-10 or key == "rank", key
+    saving = text.format("output_times = 0.025 maximum_steps = 60")
+    half = dosui(saving.replace("name = 'r'", "name = 'r' checkpoint_steps = 50"), folder="half")
+    assert half.status == 0, half.stderr
+    again = dosui(text.format("output_times = 0.025"), "--restart", "r.restart.h5", folder="half")
+    assert again.status == 0, again.stderr
+    here, there = whole.fields("r"), again.fields("r")
+    for key in here:
+        assert np.array_equal(here[key], there[key]), key
 
 
 def test_check_estimates(dosui: Runner) -> None:

@@ -17,7 +17,6 @@ module dosui_simulation
   use dosui_semi_implicit, only: choose_semi_implicit_step, semi_implicit_t
   use dosui_setup, only: describe_model, finish_setup, seed_model, setup_model
   use dosui_signals, only: signal_received, signals_watch
-  use dosui_surface_sets, only: set_width, sets_meet, wall_set
   use dosui_text, only: to_text
   use dosui_topology, only: build_geometry, distribute, needs_rebuild, refresh_storage, &
                             refresh_weights
@@ -379,8 +378,7 @@ contains
     !! the springs of penalty walls.
     type(model_t), intent(inout) :: model
     type(error_t), intent(inout) :: err
-    real(wp) :: walls(set_width(size(model%scene%surface)))
-    integer :: n_iteration, p
+    integer :: n_iteration
     logical :: stands
 
     n_iteration = 0
@@ -391,13 +389,14 @@ contains
     end if
     if (err%failed()) return
     model%particles%field(model%p%displacement)%values = 0.0_wp
-    walls = wall_set(model%scene)
-    do p = 1, model%surface%count
-      associate (set => model%surface%field(model%s%surface)%values(:, p))
-        if (.not. model%finite .and. (set(1) < 0.0_wp .or. sets_meet(set, walls))) cycle
-      end associate
-      model%surface%field(model%s%displacement)%values(:, p) = 0.0_wp
-    end do
+    associate (displacement => model%surface%field(model%s%displacement)%values, &
+               m => model%surface%count)
+      if (model%finite) then
+        displacement = 0.0_wp
+      else
+        call model%surface_forces%forget(model%scene%mechanical_condition, displacement(:, 1:m))
+      end if
+    end associate
     call model%log%info('geostatic equilibrium after '//to_text(n_iteration)//' iterations')
   end subroutine geostatic_start
 

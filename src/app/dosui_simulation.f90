@@ -27,7 +27,6 @@ module dosui_simulation
   use dosui_skeleton_step, only: start_forces
   use dosui_signals, only: signal_received, signals_watch
   use dosui_state_check, only: check_state, describe_particle, is_sound
-  use dosui_surface_sets, only: set_width, sets_meet, wall_set
   use dosui_text, only: to_text
   use dosui_topology, only: build_geometry, distribute, needs_rebuild, refresh_storage, &
                             refresh_weights
@@ -398,8 +397,7 @@ contains
     type(error_t), intent(inout) :: err
     real(wp), allocatable :: volume(:, :), porosity(:, :)
     character(len=:), allocatable :: remains
-    real(wp) :: walls(set_width(size(model%scene%surface)))
-    integer :: n_iteration, p
+    integer :: n_iteration
     logical :: stands
 
     n_iteration = 0
@@ -415,13 +413,14 @@ contains
     model%particles%field(model%p%volume)%values = volume
     model%particles%field(model%p%porosity)%values = porosity
     model%inverted = 0
-    walls = wall_set(model%scene)
-    do p = 1, model%surface%count
-      associate (set => model%surface%field(model%s%surface)%values(:, p))
-        if (.not. model%finite .and. (set(1) < 0.0_wp .or. sets_meet(set, walls))) cycle
-      end associate
-      model%surface%field(model%s%displacement)%values(:, p) = 0.0_wp
-    end do
+    associate (displacement => model%surface%field(model%s%displacement)%values, &
+               m => model%surface%count)
+      if (model%finite) then
+        displacement = 0.0_wp
+      else
+        call model%surface_forces%forget(model%scene%mechanical_condition, displacement(:, 1:m))
+      end if
+    end associate
     call model%log%info('geostatic equilibrium after '//to_text(n_iteration)//' iterations')
   end subroutine geostatic_start
 

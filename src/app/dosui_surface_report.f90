@@ -115,7 +115,6 @@ contains
     type(model_t), intent(inout) :: model
     integer, intent(in) :: c   !! mechanical condition
     real(wp), allocatable :: times(:), force(:, :)
-    character(len=:), allocatable :: text
     integer :: k, largest, p, s
 
     associate (condition => model%scene%mechanical_condition(c), field => model%surface%field, &
@@ -125,7 +124,7 @@ contains
         return
       end if
       s = index_of(model%scene, condition%surface)
-      times = telling_times(condition%pattern, model%scene%time%end_time)
+      allocate (times, source=telling_times(condition%pattern, model%scene%time%end_time))
       allocate (force(ndim, size(times)), source=0.0_wp)
       do p = 1, model%surface%count
         if (.not. set_holds(field(h%surface)%values(:, p), s)) cycle
@@ -139,11 +138,16 @@ contains
         call model%comm%sum_array(force(:, k))
       end do
       largest = maxloc(norm2(force, dim=1), dim=1)
-      text = vector_text(force(:, largest))//' '//trim(unit_of_force)
-      if (size(times) > 1) text = text//' at t = '//to_text(times(largest), 6)//' s'
-      call model%log%info('load         '//trim(condition%surface)//': '//trim(condition%kind)// &
-                          trim(merge(', total force        ', ', largest total force', &
-                                     size(times) == 1))//' '//text)
+      if (size(times) > 1) then
+        call model%log%info('load         '//trim(condition%surface)//': '// &
+                            trim(condition%kind)//', largest total force '// &
+                            vector_text(force(:, largest))//' '//trim(unit_of_force)// &
+                            ' at t = '//to_text(times(largest), 6)//' s')
+      else
+        call model%log%info('load         '//trim(condition%surface)//': '// &
+                            trim(condition%kind)//', total force '// &
+                            vector_text(force(:, 1))//' '//trim(unit_of_force))
+      end if
     end associate
   end subroutine list_load
 
@@ -169,27 +173,25 @@ contains
   subroutine list_probes(model)
     !! What is measured where; a warning for points that no particle is near.
     type(model_t), intent(inout) :: model
-    character(len=:), allocatable :: text
     integer :: k
 
     do k = 1, size(model%scene%probe)
-      associate (probe => model%scene%probe(k))
-        text = 'probe        '//trim(probe%name)//': '
+      associate (probe => model%scene%probe(k), &
+                 name => 'probe        '//trim(model%scene%probe(k)%name)//': ')
         select case (probe%kind)
         case ('settlement')
-          text = text//"settlement of surface '"//trim(probe%surface)//"'"
+          call model%log%info(name//"settlement of surface '"//trim(probe%surface)//"'")
         case ('surface_mean')
-          text = text//'mean '//trim(probe%field)//" over surface '"//trim(probe%surface)//"'"
+          call model%log%info(name//'mean '//trim(probe%field)//" over surface '"// &
+                              trim(probe%surface)//"'")
         case ('domain_sum')
-          text = text//'integral of '//trim(probe%field)
+          call model%log%info(name//'integral of '//trim(probe%field))
         case default
-          text = text//trim(probe%field)//' at '//vector_text(probe%position)
-          if (points_in_reach(model, probe%position) == 0) then
-            call model%log%warning("&probe '"//trim(probe%name)//"': no particle is near its "// &
-                                   'position; its history is 0 as long as none comes')
-          end if
+          call model%log%info(name//trim(probe%field)//' at '//vector_text(probe%position))
+          if (points_in_reach(model, probe%position) > 0) cycle
+          call model%log%warning("&probe '"//trim(probe%name)//"': no particle is near its "// &
+                                 'position; its history is 0 as long as none comes')
         end select
-        call model%log%info(text)
       end associate
     end do
   end subroutine list_probes

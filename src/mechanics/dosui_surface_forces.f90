@@ -49,6 +49,7 @@ module dosui_surface_forces
     procedure :: react => surface_forces_react
     procedure :: lift_operators => surface_forces_lift_operators
     procedure :: spring => surface_forces_spring
+    procedure :: forget => surface_forces_forget
   end type surface_forces_t
 
 contains
@@ -486,6 +487,29 @@ contains
       end if
     end do
   end subroutine surface_forces_spring
+
+  pure subroutine surface_forces_forget(self, conditions, displacement)
+    !! Sets displacements to zero, but for what springs of walls need: it is their force.
+    class(surface_forces_t), intent(in) :: self
+    type(mechanical_condition_t), intent(in) :: conditions(:)
+    real(wp), intent(inout) :: displacement(ndim, self%n_point)   !! of the surface points [m]
+    real(wp) :: kept(ndim, self%n_point)
+    integer :: e, p
+
+    kept = 0.0_wp
+    do e = 1, size(self%entry_point)
+      p = self%entry_point(e)
+      associate (condition => conditions(self%entry_condition(e)))
+        if (condition%is_load()) cycle
+        if (condition%kind == 'fixed' .or. condition%kind == 'velocity') then
+          kept(:, p) = displacement(:, p)
+        else
+          kept(:, p) = dot_product(displacement(:, p), self%held(:, p))*self%held(:, p)
+        end if
+      end associate
+    end do
+    displacement = kept
+  end subroutine surface_forces_forget
 
   pure function wall_velocity(condition, time, normal) result(velocity)
     !! Prescribed velocity of a wall [m/s].

@@ -170,6 +170,17 @@ def test_means_over_round_surfaces(dosui: Runner, region: str, water: str) -> No
     assert abs(values[1] / (9810 * (1.47 + 1 / np.pi)) - 1) < 2e-4
 
 
+def test_a_geostatic_start_is_no_settlement(dosui: Runner) -> None:
+    """What moves before the clock starts is forgotten on every surface, walls included."""
+    more = "".join(SETTLEMENT.format(name) for name in ("left", "top", "base"))
+    more += "&initial_state effective_stress = 'geostatic' surface_level = 0.8 /\n"
+    scene = column(more, scene="water = 'none' gravity = 0, -9.81").replace(
+        "end_time = 1.0", "end_time = 1.0 geostatic_start = .true."
+    )
+    run = dosui(scene.replace(FLOW, ""))
+    assert np.abs(last(run, "left", "top", "base")).max() < 1e-12
+
+
 def test_what_a_scene_does_is_listed(dosui: Runner) -> None:
     """Points and area of surfaces, total forces, heads and probes, one line each."""
     more = (

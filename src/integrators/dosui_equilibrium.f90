@@ -98,6 +98,7 @@ contains
     call take_strains(model, elastic, stress, err)   ! none yet: back to the yield surface
     state%is_direct = is_small(model) .and. &
                       .not. (model%finite .or. allocated(model%scene%rigid_wall))
+    if (state%is_direct) state%is_direct = .not. hangs_on_walls(model)
     do k = 1, correction_limit + 1
       call model%comm%agree(err)
       if (err%failed()) return
@@ -235,6 +236,24 @@ contains
                    to_text(norm/scale%loads)//' of the loads is left')
     end if
   end subroutine relax
+
+  logical function hangs_on_walls(model) result(hangs)
+    !! Are there nodes with mass that nothing strains? Only the springs of walls can hold these, and
+    !! implicit equations take them for held. Collective.
+    type(model_t), intent(inout) :: model
+    logical, allocatable :: is_empty(:, :)
+    integer :: i
+
+    call zero_velocities(model)
+    call gather_forces(model)
+    allocate (is_empty(ndim, model%grid%n_node))
+    call find_empty(model, is_empty)
+    hangs = .false.
+    do i = 1, model%grid%n_node
+      hangs = hangs .or. any(is_empty(:, i)) .and. model%nodal(1, i) > light_node_mass(model)
+    end do
+    hangs = model%comm%any(hangs)
+  end function hangs_on_walls
 
   subroutine relax_directly(model, state, system, n_iteration, err)
     !! The motion that balances the elastic body, its pressures held, by factorisation. Where that

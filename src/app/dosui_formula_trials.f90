@@ -78,7 +78,7 @@ contains
     s = index_of(model%scene, surface)
     associate (field => model%surface%field, h => model%s, n => model%surface%count)
       position = field(h%position)%values(:, pack([(p, p=1, n)], &
-                                       [(set_holds(field(h%surface)%values(:, p), s), p=1, n)]))
+                                           [(set_holds(field(h%surface)%values(:, p), s), p=1, n)]))
     end associate
   end function points_of
 

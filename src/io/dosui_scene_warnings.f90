@@ -157,8 +157,8 @@ contains
       associate (gap => contacts%gap(g))
         call checker%complain('region', gap%second, 'name', 'lies '//to_text(gap%width, 4)// &
                               " m away from '"//trim(scene%region(gap%first)%name)//"' at "// &
-                              vector_text(gap%place + scene%local_origin)//' [m]: within a grid spacing the skeletons '// &
-                              'are joined, but no water passes')
+                              vector_text(gap%place + scene%local_origin)//' [m]: within '// &
+                              'a grid spacing the skeletons are joined, but no water passes')
       end associate
     end do
     do c = 1, size(contacts%pulls)

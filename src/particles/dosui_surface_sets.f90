@@ -9,7 +9,8 @@ module dosui_surface_sets
   implicit none
   private
 
-  public :: set_width, set_add, set_remove, set_holds, set_is_empty, set_members, first_member, sets_meet, &
+  public :: set_width, set_add, set_remove, set_holds, set_is_empty, set_members, &
+            first_member, sets_meet, &
             wall_set, index_of, surface_ranks
 
   integer, parameter :: bits = 52   !! that a double holds exactly, the sign apart

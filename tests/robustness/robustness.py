@@ -34,8 +34,8 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(Path(__file__).parent))
 sys.path.insert(0, str(ROOT / "tests" / "verification"))
 from bodies import box, write_binary, write_text  # noqa: E402
-from slips import spoiled_bytes, spoiled_text  # noqa: E402
 from scenes import random_scene  # noqa: E402
+from slips import spoiled_bytes, spoiled_text  # noqa: E402
 
 BIN = Path(os.environ.get("DOSUI_BIN", ROOT / "build" / "release" / "bin"))
 MEMORY = 4 * 2**30  # bytes of address space: a case that wants more is not clean
@@ -329,7 +329,7 @@ KINDS = (
 
 # ---------------------------------------------------------------------- the page
 
-PAGE = """<!-- Written by `tests/robustness/robustness.py --page docs/robustness.md`: do not edit. -->
+PAGE = """<!-- Written by `tests/robustness/robustness.py`: do not edit. -->
 
 # Robustness
 

@@ -12,7 +12,7 @@ module dosui_explicit
   use dosui_scene, only: name_length
   use dosui_seepage, only: seepage_t
   use dosui_skeleton_step, only: finish_forces, gather_forces, update_nodes, update_particles
-  use dosui_state_check, only: note_fault
+  use dosui_state_check, only: note_failure, note_fault
   use dosui_super_time_stepping, only: stages_needed
   use dosui_text, only: to_text
   use dosui_time_control, only: step_limit_t
@@ -32,6 +32,7 @@ contains
     type(model_t), intent(inout) :: model
     logical, intent(in) :: drained
     type(error_t), intent(inout) :: err
+    type(error_t) :: failure
 
     if (model%substeps > most_substeps) then
       call err%set('a step of '//to_text(model%clock%dt, 3)//' s needs more than '// &
@@ -45,7 +46,8 @@ contains
       call gather_forces(model)
       call update_nodes(model)
       call note_fault(model)
-      call update_particles(model, err)
+      call update_particles(model, failure)
+      call note_failure(model, failure)   ! of this rank alone: the others learn of it later
       if (model%reactions%is_wanted) call finish_forces(model)
     end if
     if (.not. model%coupled) return

@@ -15,7 +15,7 @@ module dosui_state_check
 
   real(wp), parameter :: largest = huge(1.0_wp)
 
-  public :: check_state, describe_particle, is_sound, note_fault, place_of
+  public :: check_state, describe_particle, is_sound, note_failure, note_fault, place_of
 
 contains
 
@@ -45,6 +45,16 @@ contains
     call find_fault(model, fault)
     sound = model%comm%all(.not. (fault%failed() .or. model%fault%failed()))
   end function is_sound
+
+  subroutine note_failure(model, failure)
+    !! Keeps an error of this rank until all ranks look at the state, if it is the first.
+    type(model_t), intent(inout) :: model
+    type(error_t), intent(in) :: failure
+
+    if (model%fault%failed() .or. .not. failure%failed()) return
+    model%fault = failure
+    model%fault_time = model%clock%time
+  end subroutine note_failure
 
   subroutine note_fault(model)
     !! Notes the first step in which this rank's motion (or pressure, if nothing moves) is not a

@@ -1094,7 +1094,8 @@ contains
                 key('linear', 'direct: factorised on every rank; iterative: Krylov method with '// &
                     'multigrid; auto: direct for small systems', choices='auto direct iterative'))
     call v%real(solver%tolerance, &
-                key('tolerance', 'of an iterative solution: residual over right-hand side', &
+                key('tolerance', 'relative error of an iterative solution''s displacements and '// &
+                    'pressures; the residual is brought down as far as that takes', &
                     unit='-', range='> 0 and <= 1e-2'))
   end subroutine visit_solver
 

@@ -32,6 +32,10 @@ module dosui_block_system
   real(wp), parameter :: refined = 1.0e-9_wp   !! residual of a direct solution [-]
   ! Squares of smaller ones underflow: a body that comes to rest must not look singular.
   real(c_double), parameter :: negligible = 1.0e-140_c_double   !! residual [-]
+  real(wp), parameter :: error_tolerance = 0.1_wp        !! of an error's own solution [-]
+  real(wp), parameter :: largest_amplification = 1.0e4_wp   !! that is believed [-]
+  integer, parameter :: corrections = 3       !! of one solution by its error
+  integer, parameter :: setups_between = 50   !! of dynamic systems, whose errors are small
   integer, parameter :: reason_iterations = -3   !! KSP_DIVERGED_ITS
 
   type :: block_t
@@ -59,6 +63,7 @@ module dosui_block_system
     integer, private :: dimension = 0          ! of the nodes' space, once they have coordinates
     type(communicator_t), private :: comm
     logical, private :: is_current = .false.
+    real(wp), private :: amplification = 1.0_wp   ! relative error over residual, iterations only
   contains
     procedure :: init => system_init
     procedure :: set_pattern => system_set_pattern
@@ -372,11 +377,73 @@ contains
   subroutine system_solve(self, right_side, solution, tolerance, is_guess, err)
     !! Solves for displacements, then pressures of this rank in one array. Fails by value when the
     !! solver does not converge; the solution is then not to be used.
+    !!
+    !! Iterations reduce a residual, and errors may be many times as large. After a set-up the error
+    !! is therefore estimated (and mended); residuals are reduced by so much more until the next.
     class(block_system_t), intent(inout) :: self
     real(wp), intent(in), target, contiguous :: right_side(:)   !! (n_u + n_p)
     real(wp), intent(inout), target, contiguous :: solution(:)  !! likewise
-    real(wp), intent(in) :: tolerance   !! of the residual, relative to the right side [-]
+    real(wp), intent(in) :: tolerance
+    !! relative error of displacements and pressures; of direct solutions, the residual's [-]
     logical, intent(in) :: is_guess     !! `solution` comes with a first guess
+    type(error_t), intent(inout) :: err
+    logical :: is_new
+
+    is_new = .not. self%is_current
+    call self%prepare(err)
+    if (err%failed()) return
+    if (self%is_dynamic .and. self%n_setup > 1) is_new = is_new .and. &
+                                                         mod(self%n_setup, setups_between) == 0
+    if (is_new) self%amplification = 1.0_wp
+    call iterate(self, right_side, solution, tolerance/self%amplification, is_guess, err)
+    if (is_new .and. .not. (self%is_direct .or. err%failed())) then
+      call mend_error(self, right_side, solution, tolerance, err)
+    end if
+  end subroutine system_solve
+
+  subroutine mend_error(self, right_side, solution, tolerance, err)
+    !! Estimates the error of an iterative solution from its residual, takes it off, and keeps how
+    !! many times larger than the residual it is. Collective.
+    class(block_system_t), intent(inout) :: self
+    real(wp), intent(in), contiguous :: right_side(:)
+    real(wp), intent(inout), contiguous :: solution(:)
+    real(wp), intent(in) :: tolerance   !! of the error, relative [-]
+    type(error_t), intent(inout) :: err
+    real(wp), allocatable :: residual(:), error(:)
+    real(wp) :: sums(6)   ! squares: right side, residual, then solution and error of each block
+    real(wp) :: largest
+    integer :: k, n_u, n
+
+    n_u = self%n(block_u)
+    n = sum(self%n)
+    allocate (residual(n), error(n))
+    do k = 1, corrections
+      call self%multiply(solution(1:n), residual, err)
+      residual = right_side(1:n) - residual
+      error = 0.0_wp
+      call iterate(self, residual, error, error_tolerance, .false., err)
+      if (err%failed()) return
+      sums = [sum(right_side(1:n)**2), sum(residual**2), sum(solution(1:n_u)**2), &
+              sum(error(1:n_u)**2), sum(solution(n_u + 1:n)**2), sum(error(n_u + 1:)**2)]
+      call self%comm%sum_array(sums)
+      if (.not. minval(sums(1:2)) > negligible) return
+      largest = 0.0_wp
+      if (sums(3) > 0.0_wp) largest = sqrt(sums(4)/sums(3))
+      if (sums(5) > 0.0_wp) largest = max(largest, sqrt(sums(6)/sums(5)))
+      self%amplification = min(largest_amplification, &
+                               max(self%amplification, largest/sqrt(sums(2)/sums(1))))
+      solution(1:n) = solution(1:n) + error
+      if (largest <= tolerance/error_tolerance) return   ! what is left is an error's error
+    end do
+  end subroutine mend_error
+
+  subroutine iterate(self, right_side, solution, tolerance, is_guess, err)
+    !! One run of the solver, down to a residual. Collective.
+    class(block_system_t), intent(inout) :: self
+    real(wp), intent(in), target, contiguous :: right_side(:)
+    real(wp), intent(inout), target, contiguous :: solution(:)
+    real(wp), intent(in) :: tolerance   !! of the residual, relative to the right side [-]
+    logical, intent(in) :: is_guess
     type(error_t), intent(inout) :: err
     logical :: halting(size(ieee_usual))
     integer :: status, n
@@ -384,8 +451,6 @@ contains
     real(c_double) :: residual
     real(wp) :: square
 
-    call self%prepare(err)
-    if (err%failed()) return
     n = sum(self%n)
     status = 0
     if (.not. c_associated(self%right)) then
@@ -424,7 +489,7 @@ contains
       call err%set('the linear solver stopped: '//reason_text(int(reason))//' after '// &
                    to_text(int(iterations))//' iterations')
     end if
-  end subroutine system_solve
+  end subroutine iterate
 
   subroutine system_multiply(self, x, y, err)
     !! y = A x.

@@ -174,6 +174,24 @@ def test_strip_load_does_not_lock(
     assert run.history("strip", "settlement")[0] == pytest.approx(1.1456e-3, rel=5e-3)
 
 
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-6])
+def test_tolerance_bounds_the_error(dosui: Runner, tolerance: float) -> None:
+    """Iterative solutions differ from direct ones by the tolerance, on almost rigid water, too."""
+    column = replace(STATIC, bulk_modulus=2.2e9, last=0.05)
+    runs = [
+        dosui(
+            replace(column, solver=f"linear = '{linear}' tolerance = {tolerance}").text(),
+            folder=linear,
+        )
+        for linear in ("direct", "iterative")
+    ]
+    for step in (0, -1):
+        exact, found = (run.fields("column", step) for run in runs)
+        for name in ("pore_pressure", "displacement"):
+            error = np.linalg.norm(found[name] - exact[name]) / np.linalg.norm(exact[name])
+            assert error <= tolerance, (step, name)
+
+
 def test_direct_solutions_where_iterations_fail(
     dosui: Runner, monkeypatch: pytest.MonkeyPatch
 ) -> None:

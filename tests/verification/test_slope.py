@@ -156,3 +156,12 @@ def test_periods_that_cannot_be(dosui: Runner) -> None:
     run = dosui(text, "--safety")
     assert run.status == 1
     assert "mohr_coulomb" in run.stderr
+
+
+def test_soils_remember_the_same_on_any_ranks(dosui: Runner) -> None:
+    """What a start in plastic soil leaves depends on its way, which must not depend on ranks."""
+    text = slope(20.0, 5.0e3, 32.0)
+    one, three = (dosui(text, ranks=n, folder=f"ranks{n}") for n in (1, 3))
+    for name in ("effective_stress", "plastic_shear_strain", "pore_pressure"):
+        a, b = (run.fields("infinite_slope")[name] for run in (one, three))
+        assert np.abs(a - b).max() <= 1e-11 * np.abs(a).max()

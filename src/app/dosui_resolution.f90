@@ -110,7 +110,8 @@ contains
     call shape_bounds(scene%region(r), scene%region(r)%shape_angle, low, high)
     low = low + scene%region(r)%pivot
     high = high + scene%region(r)%pivot
-    text = "&region '"//trim(scene%region(r)%name)//"' from "//vector_text(low)//' to '// &
-           vector_text(high)//' m'
+    text = "&region '"//trim(scene%region(r)%name)//"' from "// &
+           vector_text(low + scene%local_origin)//' to '// &
+           vector_text(high + scene%local_origin)//' m'
   end function named
 end module dosui_resolution

@@ -191,7 +191,8 @@ contains
     kind = int(key/base/base)
     first = int(mod(key/base, base))
     second = int(mod(key, base))
-    here = to_text(total)//' surface points, e.g. at '//vector_text(place)//' m'
+    here = to_text(total)//' surface points, e.g. at '// &
+           vector_text(place + model%scene%local_origin)//' m'
     if (kind == two_waters) then
       group = '&hydraulic_condition: '
       associate (c => model%scene%hydraulic_condition)

@@ -187,7 +187,8 @@ contains
         case ('domain_sum')
           call model%log%info(name//'integral of '//trim(probe%field))
         case default
-          call model%log%info(name//trim(probe%field)//' at '//vector_text(probe%position))
+          call model%log%info(name//trim(probe%field)//' at '//vector_text(probe%position + &
+                                                                          model%scene%local_origin))
           if (points_in_reach(model, probe%position) > 0) cycle
           call model%log%warning("&probe '"//trim(probe%name)//"': no particle is near its "// &
                                  'position; its history is 0 as long as none comes')

@@ -124,7 +124,7 @@ contains
     end do
     if (present(remains)) then
       remains = to_text(100.0_wp*norm/scale%loads, 2)//' % of the loads are not carried, '// &
-                'around '//vector_text(centre_of(model, residual))//' m'
+                'around '//vector_text(centre_of(model, residual) + model%scene%local_origin)//' m'
     end if
   end subroutine find_geostatic_equilibrium
 
@@ -497,7 +497,7 @@ contains
     real(wp) :: way(ndim), centre(ndim)
     integer :: i
 
-    centre = centre_of(model, motion)
+    centre = centre_of(model, motion) + model%scene%local_origin
     way = 0.0_wp
     do i = 1, model%grid%n_node
       if (.not. model%grid%node_map%is_owned(i)) cycle

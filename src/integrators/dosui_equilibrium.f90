@@ -109,6 +109,10 @@ contains
       model%relaxing = .false.
       stands = k <= correction_limit .and. &
                .not. (mod(k, round) == 1 .and. norm > least_gain*round_start)
+      if (.not. stands .and. norm <= acceptable*scale%loads) then   ! as near as round-off lets it
+        stands = .true.
+        return
+      end if
       if (.not. stands .and. k <= correction_limit .and. state%is_direct .and. &
           norm < nearly*scale%loads) then
         ! resistance that the equations have and the kernels have not may be in the way

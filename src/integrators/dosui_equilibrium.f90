@@ -39,6 +39,7 @@ module dosui_equilibrium
   integer, parameter :: round = 500                    !! of them: a standing body gains in each
   real(wp), parameter :: least_gain = 0.5_wp           !! residual over that a round ago [-]
   real(wp), parameter :: correction = 1.0e-2_wp        !! what each leaves of the residual [-]
+  real(wp), parameter :: nearly = 1.0e-2_wp            !! residual of a body that may yet stand [-]
   real(wp), parameter :: direct_tolerance = 1.0e-13_wp  !! of a factorised one of them [-]
   real(wp), parameter :: balanced = 1.0e-11_wp         !! residual over the weight [-]
 
@@ -108,6 +109,16 @@ contains
       model%relaxing = .false.
       stands = k <= correction_limit .and. &
                .not. (mod(k, round) == 1 .and. norm > least_gain*round_start)
+      if (.not. stands .and. norm <= acceptable*scale%loads) then   ! as near as round-off lets it
+        stands = .true.
+        return
+      end if
+      if (.not. stands .and. k <= correction_limit .and. state%is_direct .and. &
+          norm < nearly*scale%loads) then
+        ! resistance that the equations have and the kernels have not may be in the way
+        state%is_direct = .false.
+        stands = .true.
+      end if
       if (.not. stands) exit
       if (mod(k, round) == 1) round_start = norm
       if (norm <= max(balanced*scale%loads, noise*scale%stress)) return

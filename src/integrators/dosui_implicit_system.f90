@@ -988,7 +988,8 @@ contains
                sum(self%system%n_all) <= last_resort*direct_limit(ndim)
       self%insists_on_direct = turned
       what = 'direct solutions'
-    else if (.not. (self%resists .or. self%is_dynamic .or. model%rigid)) then
+    else if (self%system%has_failed .and. &
+             .not. (self%resists .or. self%is_dynamic .or. model%rigid)) then
       call self%ties%find(model)
       turned = model%comm%any(self%ties%n > 0)
       self%resists = turned

@@ -34,6 +34,7 @@ module dosui_block_system
   real(c_double), parameter :: negligible = 1.0e-140_c_double   !! residual [-]
   real(wp), parameter :: error_tolerance = 0.1_wp        !! of an error's own solution [-]
   real(wp), parameter :: largest_amplification = 1.0e4_wp   !! that is believed [-]
+  real(wp), parameter :: least_share = 1.0e-6_wp   !! of one kind of unknowns, to count [-]
   integer, parameter :: corrections = 3       !! of one solution by its error
   integer, parameter :: setups_between = 50   !! of dynamic systems, whose errors are small
   integer, parameter :: reason_iterations = -3   !! KSP_DIVERGED_ITS
@@ -55,6 +56,7 @@ module dosui_block_system
     integer :: most_iterations = 0       !! of one solve
     integer :: n_solve = 0
     integer :: n_setup = 0               !! factorisations or multigrid set-ups
+    logical :: has_failed = .false.      !! the last solve
     type(block_t), private :: block(2, 2)
     type(block_t), private :: schur      !! approximates C + D K^-1 Q
     type(c_ptr), private :: nest = c_null_ptr, smooth_nest = c_null_ptr, whole = c_null_ptr
@@ -427,9 +429,9 @@ contains
               sum(error(1:n_u)**2), sum(solution(n_u + 1:n)**2), sum(error(n_u + 1:)**2)]
       call self%comm%sum_array(sums)
       if (.not. minval(sums(1:2)) > negligible) return
-      largest = 0.0_wp
-      if (sums(3) > 0.0_wp) largest = sqrt(sums(4)/sums(3))
-      if (sums(5) > 0.0_wp) largest = max(largest, sqrt(sums(6)/sums(5)))
+      if (.not. sum(sums(3:6:2)) > 0.0_wp) return
+      largest = sqrt(max(sums(4)/max(sums(3), least_share**2*sums(5)), &
+                         sums(6)/max(sums(5), least_share**2*sums(3))))
       self%amplification = min(largest_amplification, &
                                max(self%amplification, largest/sqrt(sums(2)/sums(1))))
       solution(1:n) = solution(1:n) + error
@@ -476,6 +478,7 @@ contains
     if (status == 0) status = vec_reset_array(self%right)
     if (status == 0) status = vec_reset_array(self%left)
     call report('the linear solution', status, err)
+    self%has_failed = status /= 0 .or. reason < 0
     self%n_iteration = self%n_iteration + iterations
     self%most_iterations = max(self%most_iterations, int(iterations))
     self%n_solve = self%n_solve + 1
@@ -483,7 +486,8 @@ contains
     if (reason == reason_iterations .and. self%is_direct) then
       ! refined as far as round-off lets it
       square = self%comm%sum(sum(right_side(1:n)**2))
-      if (residual <= max(refined*sqrt(square), negligible)) return
+      self%has_failed = .not. residual <= max(refined*sqrt(square), negligible)
+      if (.not. self%has_failed) return
       call err%set('the linear system is singular: is the body held by its mechanical conditions?')
     else if (reason < 0) then
       call err%set('the linear solver stopped: '//reason_text(int(reason))//' after '// &

@@ -136,6 +136,7 @@ contains
     character(len=:), allocatable :: reason
     integer :: k
 
+    reason = ''
     do k = 1, size(suffix)
       reason = output_problem(stem//trim(suffix(k)))
       if (len(reason) > 0) call err%set('cannot write '//stem//trim(suffix(k))//': '//reason)

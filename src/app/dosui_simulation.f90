@@ -45,7 +45,7 @@ module dosui_simulation
   real(wp), parameter :: most_steps = 9.0e18_wp       !! that 64 bits count
   real(wp), parameter :: beyond = 0.01_wp             !! the domain: a wall there may give way [h]
   real(wp), parameter :: settled = 1.0e-12_wp         !! of the first displacements [-]
-  real(wp), parameter :: pass_reduction = 1.0e-9_wp   !! of their residual [-]
+  real(wp), parameter :: pass_reduction = 1.0e-12_wp  !! residual over the loads [-]
 
 contains
 
@@ -313,7 +313,7 @@ contains
       call err%set(describe_particle(model, 'closes its pores: it is compressed beyond the '// &
                                      'volume of its grains', model%inverted))
     else
-      call err%set(describe_particle(model, 'loses all its volume (J <= 0)', model%inverted))
+      call err%set(describe_particle(model, 'has lost all its volume (J <= 0)', model%inverted))
     end if
   end subroutine say_inverted
 

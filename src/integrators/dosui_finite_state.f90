@@ -210,7 +210,7 @@ contains
       do p = 1, n
         call invert(deformation(:, :, p), model%inverse_deformation(:, :, p), jacobian)
         if (.not. jacobian > 0.0_wp .and. .not. err%failed()) then
-          call err%set(describe_particle(model, 'loses all its volume (J <= 0)', p, .true.))
+          call err%set(describe_particle(model, 'has lost all its volume (J <= 0)', p, .true.))
         end if
         model%own_volume(p) = model%filling(p)*v0(1, p)*jacobian
         total(model%cell(p)) = total(model%cell(p)) + model%own_volume(p)

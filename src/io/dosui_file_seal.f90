@@ -6,6 +6,7 @@ module dosui_file_seal
   use dosui_checksum, only: checksum_t, combine_checksums
   use dosui_communicator, only: communicator_t
   use dosui_error, only: error_t
+  use dosui_file_system, only: input_problem
   implicit none
   private
 
@@ -49,11 +50,12 @@ contains
     character(len=*), intent(in) :: path
     type(error_t), intent(inout) :: err
     integer(i8) :: n_byte, seal(n_seal), found
-    logical :: exists
+    character(len=:), allocatable :: reason
 
-    exists = .true.
-    if (comm%is_root()) inquire (file=path, exist=exists)
-    if (.not. exists) call err%set('there is no file '//path)
+    reason = ''
+    if (comm%is_root()) reason = input_problem(path)   ! a pipe would wait for ever
+    if (reason == 'no such file') call err%set('there is no file '//path)
+    if (len(reason) > 0) call err%set('cannot read '//path//': '//reason)
     call comm%agree(err)
     if (err%failed()) return
     n_byte = size_of(comm, path) - 8_i8*n_seal

@@ -138,7 +138,7 @@ contains
     faces = shape_faces(region)
     do f = 1, size(faces)
       area = 1.0_wp
-      do e = 1, ndim - 1
+      do e = 1, size(faces(f)%edge, 2)   ! in 1-D the only edge has no length
         area = area*max(1.0_wp, ratio(norm2(faces(f)%edge(:, e)), spacing))
       end do
       if (faces(f)%name == 'round') then   ! cut as the body is, about

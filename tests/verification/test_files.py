@@ -8,6 +8,7 @@ import resource
 import shutil
 import signal
 import subprocess
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -209,16 +210,30 @@ def small_disk(tmp_path: Path) -> Iterator:
     subprocess.run(["umount", folder], capture_output=True)
 
 
+def fill_when_used(disk: Path, rest: int) -> None:
+    """Leaves `rest` bytes on a disk as soon as something else lies on it."""
+    for _ in range(20000):
+        if any(disk.iterdir()):
+            break
+        time.sleep(0.001)
+    state = os.statvfs(disk)
+    (disk / "filler").write_bytes(bytes(max(0, state.f_bavail * state.f_frsize - rest)))
+
+
 @pytest.mark.parametrize(
     ("kilobytes", "ranks"), [(8, 1), (100, 1), (180, 1), (260, 1), (260, 2), (340, 1)]
 )
 def test_full_disk(dosui: Runner, small_disk, kilobytes: int, ranks: int) -> None:
     """One message, status 1, no signal; steps and checkpoints written before can be read."""
-    disk = small_disk(kilobytes)
+    disk = small_disk(20480)  # what the run needs, or it is refused before it starts
     text = COLUMN.replace("spacing = 0.05", "spacing = 0.005").replace(
         "interval = 0.5", "interval = 0.05"
     )
+    filler = threading.Thread(target=fill_when_used, args=(disk, 1024 * kilobytes))
+    filler.start()
     run = dosui(text, "--output", str(disk), ranks=ranks, timeout=100)
+    filler.join()
+    (disk / "filler").unlink()
     assert run.status == 1, run.stderr
     errors = [line for line in run.stderr.splitlines() if "rror" in line]
     assert len(errors) == 1, run.stderr

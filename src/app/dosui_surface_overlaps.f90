@@ -5,6 +5,7 @@ module dosui_surface_overlaps
   use dosui_dimension, only: ndim
   use dosui_log, only: log_t
   use dosui_model, only: model_t
+  use dosui_scene, only: hydraulic_condition_t
   use dosui_surface_sets, only: index_of, set_holds, set_is_empty
   use dosui_text, only: to_text, vector_text
   implicit none
@@ -28,7 +29,8 @@ module dosui_surface_overlaps
 contains
 
   subroutine check_overlaps(model, problems)
-    !! Problems, one a line: two walls, or two hydraulic conditions, on one point. Collective.
+    !! Problems, one a line: two walls, or two hydraulic conditions that differ, on one point.
+    !! Collective.
     type(model_t), intent(in) :: model
     character(len=:), allocatable, intent(inout) :: problems
     type(log_t) :: nowhere
@@ -112,12 +114,32 @@ contains
           here = pack([(k, k=1, size(hydraulic))], &
                       [(set_holds(set, hydraulic(k)), k=1, size(hydraulic))])
           do b = 2, size(here)
-            call book(model, meetings, two_waters, here(1), here(b), p)
+            if (differ(scene%hydraulic_condition(here(1)), scene%hydraulic_condition(here(b)))) then
+              call book(model, meetings, two_waters, here(1), here(b), p)
+            end if
           end do
         end associate
       end do
     end associate
   end subroutine find_meetings
+
+  pure logical function differ(a, b)
+    !! Do two hydraulic conditions prescribe different things?
+    type(hydraulic_condition_t), intent(in) :: a, b
+
+    differ = a%kind /= b%kind .or. abs(a%value - b%value) > 0.0_wp .or. &
+             (allocated(a%pattern%formula) .neqv. allocated(b%pattern%formula)) .or. &
+             (allocated(a%pattern%factor%time) .neqv. allocated(b%pattern%factor%time))
+    if (differ) return
+    if (allocated(a%pattern%formula)) differ = a%pattern%formula /= b%pattern%formula
+    if (differ .or. .not. allocated(a%pattern%factor%time)) return
+    associate (one => a%pattern%factor, other => b%pattern%factor)
+      differ = size(one%time) /= size(other%time)
+      if (differ) return
+      differ = any(abs(one%time - other%time) > 0.0_wp) .or. &
+               any(abs(one%value - other%value) > 0.0_wp)
+    end associate
+  end function differ
 
   pure integer function mechanical_meeting(model, first, second) result(kind)
     !! What two mechanical conditions on one point do to each other.

@@ -25,7 +25,7 @@ contains
 
   subroutine hydraulic_conditions_init(self, conditions, condition_surface, n_point, surface, &
                                        has_head)
-    !! Finds the condition of every surface point (no point has two).
+    !! Finds the condition of every surface point (the last of equal ones).
     class(hydraulic_conditions_t), intent(inout) :: self
     type(hydraulic_condition_t), intent(in) :: conditions(:)
     integer, intent(in) :: condition_surface(size(conditions))   !! surface of each condition

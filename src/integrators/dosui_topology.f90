@@ -31,6 +31,7 @@ module dosui_topology
 
   real(wp), parameter :: inward = 1.0e-3_wp          !! surface points lie in the cell inside [h]
   real(wp), parameter :: imbalance_limit = 1.2_wp    !! repartition above this
+  real(wp), parameter :: stiffest_walls = 1.0e3_wp   !! penalty walls over the drained modulus [-]
   integer(i8), parameter :: bricks_per_rank = 64_i8  !! aimed at
 
 contains
@@ -454,12 +455,21 @@ contains
                                      field(surface_handle)%values(:, 1:m), &
                                      field(h%normal)%values(:, 1:m), &
                                      field(h%area)%values(1, 1:m), nodal(1, :), model%density, &
-                                     model%skeleton_modulus, model%scene%mechanics%penalty, &
+                                     wall_modulus(model), model%scene%mechanics%penalty, &
                                      model%by_force, host, held)
     end associate
     model%lifted = model%centred .and. &
                    model%comm%any(model%surface_forces%has_lifts(model%scene%mechanical_condition))
   end subroutine build_conditions
+
+  pure real(wp) function wall_modulus(model) result(modulus)
+    !! The modulus that penalty walls resist: the stiffest one that steps see, as far as the skeleton
+    !! can tell. Springs as stiff as real water would hold what leans a little altogether [Pa].
+    type(model_t), intent(in) :: model
+
+    modulus = min(model%stiffest, stiffest_walls*model%skeleton_modulus)
+    if (model%integrator == 'semi_implicit') modulus = model%skeleton_modulus
+  end function wall_modulus
 
   subroutine build_quadrature(model, handle, surface_handle, cell)
     !! Measures and gradients of cells. In small-strain scenes particles and surface points of

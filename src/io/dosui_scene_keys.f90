@@ -188,8 +188,8 @@ contains
                         .false., .true.)
     groups(10) = group_t('surface', 'A named part of the boundary of a region, for conditions '// &
                          'and probes. Surfaces may overlap: the conditions of all act, loads '// &
-                         'add up. Two walls, or two hydraulic conditions, on one point are '// &
-                         'an error; probes take nothing away.', .false., .true.)
+                         'add up. Two walls, or two different hydraulic conditions, on one '// &
+                         'point are an error; probes take nothing away.', .false., .true.)
     groups(11) = group_t('mechanical_condition', 'Walls and loads on a surface. Surfaces '// &
                          'without one are free of traction.', .false., .true.)
     groups(12) = group_t('hydraulic_condition', 'Head, pressure or flux on a surface. Surfaces '// &
@@ -713,8 +713,8 @@ contains
                 key('density_scaling', 'factor on inertia only, for quasi-static runs', unit='-', &
                     range='>= 1'))
     call v%real(mechanics%penalty, &
-                key('penalty', 'stiffness of walls that no grid line follows, in drained '// &
-                    'modulus per spacing', unit='-', range='> 0'))
+                key('penalty', 'stiffness of walls that no grid line follows, in modulus '// &
+                    'per spacing: the undrained one, at most 1000 times the drained', unit='-', range='> 0'))
   end subroutine visit_mechanics
 
   subroutine visit_region(v, region)

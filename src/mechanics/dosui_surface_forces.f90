@@ -6,10 +6,9 @@
 !! node has m / a = rho h / 2, and nodes below `light_node` rho h are dropped.
 !!
 !! A penalty wall is a spring kappa = penalty * modulus / h with a dashpot on the displacement of
-!! the surface point against the wall (Belytschko & Neal 1991 for the explicit penalty method), with
-!! the drained modulus: what the water bears the cells' lifted strains hold (see `lift`), and a
-!! spring as stiff as water would lock a surface whose normals lean. Where facets stand for a smooth
-!! surface, walls hold its normals. The displacement error is stress / kappa, first order in h.
+!! the surface point against the wall (Belytschko & Neal 1991 for the explicit penalty method).
+!! Its displacement error is stress / kappa, first order in h. Where facets stand for a smooth
+!! surface, walls hold its normals: facets lean, and held one by one they hold all motion.
 module dosui_surface_forces
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim, nsig, axis, voigt_slot
@@ -71,7 +70,7 @@ contains
     real(wp), intent(in) :: area(n_point)             !! [m2, m per m in 2-D, 1 in 1-D]
     real(wp), intent(in) :: mass(grid%n_node)         !! complete nodal masses [kg]
     real(wp), intent(in) :: density                   !! reference density of the body [kg/m3]
-    real(wp), intent(in) :: modulus                   !! stiffest drained modulus of the body [Pa]
+    real(wp), intent(in) :: modulus                   !! that walls resist [Pa]
     real(wp), intent(in) :: penalty                   !! wall stiffness factor [-]
     logical, intent(in) :: handled(:, :)              !! (conditions, points) entries to be made
     integer, intent(in), optional :: host(grid%n_cell)   !! cells that small parts belong to

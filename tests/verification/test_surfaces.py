@@ -102,6 +102,10 @@ def test_conditions_that_exclude_each_other(dosui: Runner) -> None:
             "surface points, e.g. at (0.125, 1) m",
         ):
             assert words in run.stderr
+    same = second.replace("kind = 'fixed'", "kind = 'pressure' value = 0").replace(
+        "kind = 'flux' value = 1e-6", "kind = 'head' value = 0"
+    )
+    assert dosui(column(MIDDLE + same, scene=""), "--check").status == 0  # equal heads agree
 
 
 def test_loads_on_what_is_held(dosui: Runner) -> None:

@@ -612,7 +612,7 @@ contains
     call h5acreate_f(object, name, h5t_std_i64le, space, attribute, status)
     call check(status, 'cannot create the attribute '//name, err)
     call h5awrite_f(attribute, h5kind_to_type(i8, h5_integer_kind), address, status)
-    call check(status, 'cannot write the attribute '//name, err)
+    call check_writing(status, file_name_of(object), err)
     call h5aclose_f(attribute, status)
     call h5sclose_f(space, status)
   end subroutine write_attribute_integer
@@ -633,7 +633,7 @@ contains
     call h5acreate_f(object, name, h5t_std_i64le, space, attribute, status)
     call check(status, 'cannot create the attribute '//name, err)
     call h5awrite_f(attribute, h5kind_to_type(i8, h5_integer_kind), address, status)
-    call check(status, 'cannot write the attribute '//name, err)
+    call check_writing(status, file_name_of(object), err)
     call h5aclose_f(attribute, status)
     call h5sclose_f(space, status)
   end subroutine write_attribute_integers
@@ -655,7 +655,7 @@ contains
     call h5acreate_f(object, name, text_type, space, attribute, status)
     call check(status, 'cannot create the attribute '//name, err)
     call h5awrite_f(attribute, text_type, address, status)
-    call check(status, 'cannot write the attribute '//name, err)
+    call check_writing(status, file_name_of(object), err)
     call h5aclose_f(attribute, status)
     call h5sclose_f(space, status)
     call h5tclose_f(text_type, status)
@@ -678,7 +678,7 @@ contains
     call check(status, 'no attribute '//name, err)
     if (status < 0) return
     call h5awrite_f(attribute, h5kind_to_type(i8, h5_integer_kind), address, status)
-    call check(status, 'cannot write the attribute '//name, err)
+    call check_writing(status, file_name_of(object), err)
     call h5aclose_f(attribute, status)
   end subroutine hdf5_update_attribute
 
@@ -779,7 +779,7 @@ contains
     if (status >= 0 .and. is_writer) then
       address = c_loc(buffer)
       call h5dwrite_f(dataset, text_type, address, status)
-      call check(status, 'cannot write the text '//name, err)
+      call check_writing(status, file_name_of(parent), err)
     end if
     if (dataset >= 0_hid_t) call h5dclose_f(dataset, status)
     call h5sclose_f(space, status)

@@ -287,8 +287,8 @@ def test_faces_are_listed(dosui: Runner, tmp_path: Path) -> None:
     ("old", "new", "message"),
     [
         (None, None, "no such file"),
-        ("vertex 0.0 1.0 1.0", "vertex 0.0 1.0 nan", "line 6: no three coordinates"),
-        ("vertex 0.0 1.0 1.0", "vertex 0.0 1.0", "line 6: no three coordinates"),
+        ("vertex 0.0 1.0 1.0", "vertex 0.0 1.0 nan", "line 6, column 4 (z) = 'nan': must be"),
+        ("vertex 0.0 1.0 1.0", "vertex 0.0 1.0", "line 6: a corner has three coordinates"),
         ("vertex 0.0 1.0 1.0", "vertex 0.0 1.0 1.5", "triangle 1 (line 2): its edge"),
         ("vertex 0.0 1.0 1.0", "vertex 0.0 0.0 0.0", "triangle 1 (line 2): its corners coincide"),
         ("endloop", "vertex 0.0 1.0 1.0\n  endloop", "line 7: a fourth corner"),

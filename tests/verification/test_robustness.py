@@ -5,12 +5,16 @@ from __future__ import annotations
 import re
 import signal
 import subprocess
+import sys
 import time
 
 import h5py
 import numpy as np
 import pytest
 from conftest import BIN, ROOT, Runner, scene_text
+
+sys.path.insert(0, str(ROOT / "tests" / "robustness"))
+import robustness
 
 
 @pytest.mark.parametrize(
@@ -136,3 +140,17 @@ def test_crushed_particle_is_named(dosui: Runner, ranks: int) -> None:
     times = run.times("crush")
     assert len(times) >= 2 and times[-1] > 0.01
     assert np.isfinite(run.fields("crush")["effective_stress"]).all()
+
+
+@pytest.mark.parametrize(
+    ("kind", "count"),
+    [("check", 30), ("slips", 60), ("bytes", 20), ("tables", 30), ("restart", 3), ("kill", 2)],
+)
+def test_random_trials_end_clean(kind: str, count: int) -> None:
+    """A short member of each sweep of tests/robustness, which tries thousands."""
+    (trial,) = (k for k in robustness.KINDS if k.name == kind)
+    outcomes = list(robustness.run_cases(trial, range(count)))
+    assert len(outcomes) == count
+    assert not [o for o in outcomes if o.state == robustness.BROKEN]
+    if kind in ("check", "slips"):  # it tells right from wrong
+        assert {robustness.ACCEPTED, robustness.REFUSED} <= {o.state for o in outcomes}

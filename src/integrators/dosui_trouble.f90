@@ -130,6 +130,7 @@ contains
 
     share = 0.0_wp
     if (model%rigid .or. .not. model%materials%is_nonlinear()) return
+    if (.not. allocated(model%tangent)) return   ! none has been needed yet
     counts = 0.0_wp
     do p = 1, model%particles%count
       call elastic_tangent(model, p, tangent)

@@ -463,8 +463,9 @@ contains
   end subroutine build_conditions
 
   pure real(wp) function wall_modulus(model) result(modulus)
-    !! The modulus that penalty walls resist: the stiffest one that steps see, as far as the skeleton
-    !! can tell. Springs as stiff as real water would hold what leans a little altogether [Pa].
+    !! The modulus that penalty walls resist: the stiffest one that steps see, as far as the
+    !! skeleton can tell. Springs as stiff as real water would hold what leans a little
+    !! altogether [Pa].
     type(model_t), intent(in) :: model
 
     modulus = min(model%stiffest, stiffest_walls*model%skeleton_modulus)

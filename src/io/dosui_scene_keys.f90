@@ -714,7 +714,8 @@ contains
                     range='>= 1'))
     call v%real(mechanics%penalty, &
                 key('penalty', 'stiffness of walls that no grid line follows, in modulus '// &
-                    'per spacing: the undrained one, at most 1000 times the drained', unit='-', range='> 0'))
+                    'per spacing: the undrained one, at most 1000 times the drained', &
+                    unit='-', range='> 0'))
   end subroutine visit_mechanics
 
   subroutine visit_region(v, region)

@@ -23,8 +23,8 @@ program dosui_main
   use dosui_scene, only: scene_t
   use dosui_scene_reader, only: read_scene
   use dosui_scene_template, only: write_group_docs, write_template
-use dosui_simulation, only: run_scene, status_bad_input, status_failed, status_finished, to_check, &
-                              to_find_safety, to_run
+  use dosui_simulation, only: run_scene, status_bad_input, status_failed, status_finished, &
+                              to_check, to_find_safety, to_run
   use dosui_signals, only: signals_of_writing
   implicit none
 

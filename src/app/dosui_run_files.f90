@@ -70,7 +70,7 @@ contains
       self%is_given = .false.
       self%every_step = model%integrator /= 'explicit'
     end if
-    self%stride = stride_at(int(model%clock%step, i8))
+    self%stride = stride_at(model%clock%step)
     if (restarted) self%next_history = min(self%next_history, next_row(self, model%clock%time))
     call tell_next_row(self, model)
     call define_history(self%history, model, err)
@@ -235,7 +235,7 @@ contains
     model%reactions%next_time = self%next_history
     model%reactions%next_step = 0_i8
     if (.not. self%every_step) return
-    step = int(model%clock%step, i8)
+    step = model%clock%step
     model%reactions%next_step = (step/self%stride + 1_i8)*self%stride
     if (step == 0_i8) model%reactions%next_step = 0_i8   ! nothing is known yet about the start
   end subroutine tell_next_row
@@ -246,7 +246,7 @@ contains
     type(model_t), intent(inout) :: model
     integer(i8) :: step
 
-    step = int(model%clock%step, i8)
+    step = model%clock%step
     if (self%every_step) then
       has_row = mod(step, self%stride) == 0_i8
       if (.not. has_row) return

@@ -3,6 +3,9 @@
 # Makes <room>.<module> (NONE) or <room>.<module>.<n>d for each dimension of a file below
 # tests/unit. MAX_PES defaults to the largest npes of the file; a parallel test gets the label mpi.
 # Uses pFUnit where find_package finds it, else the driver in tests/support.
+if(DOSUI_PYTHON)   # launchers of Python versions cost more than what the small scripts here do
+  set(Python3_EXECUTABLE ${DOSUI_PYTHON})
+endif()
 find_package(Python3 3.10 REQUIRED COMPONENTS Interpreter)
 option(DOSUI_USE_PFUNIT "Use pFUnit where it is installed" ON)
 set(DOSUI_TEST_TIMEOUT 120 CACHE STRING "Seconds after which a unit test counts as hanging")

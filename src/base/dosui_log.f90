@@ -1,6 +1,7 @@
 !! What the user reads while dosui runs: one writer, line by line.
 module dosui_log
   use, intrinsic :: iso_fortran_env, only: output_unit, error_unit
+  use dosui_name_index, only: name_index_t
   use dosui_text, only: to_text
   implicit none
   private
@@ -16,7 +17,9 @@ module dosui_log
     logical :: is_root = .false.
     integer :: unit = output_unit         !! of information
     integer :: error_unit = error_unit    !! of warnings and errors
-    type(warning_t), allocatable :: warnings(:)   !! the different ones, in order of appearance
+    integer :: n_different = 0                    !! warnings
+    type(warning_t), allocatable :: warnings(:)   !! these, in order of appearance
+    type(name_index_t) :: index                   !! of their texts
   contains
     procedure :: init => log_init
     procedure :: info => log_info
@@ -39,7 +42,6 @@ contains
       self%unit = unit
       self%error_unit = unit
     end if
-    allocate (self%warnings(0))
   end subroutine log_init
 
   subroutine log_info(self, text)
@@ -57,34 +59,45 @@ contains
     class(log_t), intent(inout) :: self
     character(len=*), intent(in) :: text
     character(len=*), intent(in), optional :: detail   !! of this time, follows the text
-    type(warning_t), allocatable :: more(:)
     character(len=:), allocatable :: line
-    integer :: k, n
+    integer :: k
 
     if (.not. self%is_root) return
-    if (.not. allocated(self%warnings)) allocate (self%warnings(0))
     line = 'warning: '//text
     if (present(detail)) line = line//detail
-    n = size(self%warnings)
-    do k = 1, n
-      if (self%warnings(k)%text == text) then
-        self%warnings(k)%n = self%warnings(k)%n + 1
-        if (present(detail) .and. is_power_of_ten(self%warnings(k)%n)) then
-          call write_line(self%error_unit, line//' ('//to_text(self%warnings(k)%n)// &
-                          ' times so far)')
-        end if
-        return
-      end if
-    end do
-    allocate (more(n + 1))
-    do k = 1, n
-      more(k) = self%warnings(k)
-    end do
-    more(n + 1)%text = text
-    more(n + 1)%n = 1
-    call move_alloc(more, self%warnings)
-    call write_line(self%error_unit, line)
+    k = self%index%find(text)
+    if (k == 0) then
+      call append(self, text)
+      call write_line(self%error_unit, line)
+      return
+    end if
+    self%warnings(k)%n = self%warnings(k)%n + 1
+    if (present(detail) .and. is_power_of_ten(self%warnings(k)%n)) then
+      call write_line(self%error_unit, line//' ('//to_text(self%warnings(k)%n)//' times so far)')
+    end if
   end subroutine log_warning
+
+  subroutine append(self, text)
+    !! Keeps a warning of another text than all before.
+    class(log_t), intent(inout) :: self
+    character(len=*), intent(in) :: text
+    type(warning_t), allocatable :: more(:)
+    integer :: k
+
+    if (.not. allocated(self%warnings)) allocate (self%warnings(1))
+    if (self%n_different == size(self%warnings)) then
+      allocate (more(2*self%n_different))
+      do k = 1, self%n_different
+        call move_alloc(self%warnings(k)%text, more(k)%text)
+        more(k)%n = self%warnings(k)%n
+      end do
+      call move_alloc(more, self%warnings)
+    end if
+    self%n_different = self%n_different + 1
+    self%warnings(self%n_different)%text = text
+    self%warnings(self%n_different)%n = 1
+    call self%index%add(text, self%n_different)
+  end subroutine append
 
   pure logical function is_power_of_ten(n)
     !! 10, 100, 1000, ...?
@@ -111,7 +124,7 @@ contains
     class(log_t), intent(in) :: self
 
     n = 0
-    if (allocated(self%warnings)) n = sum(self%warnings%n)
+    if (allocated(self%warnings)) n = sum(self%warnings(:self%n_different)%n)
   end function log_n_warnings
 
   subroutine log_summary(self)
@@ -122,7 +135,7 @@ contains
 
     if (.not. self%is_root .or. self%n_warnings() == 0) return
     call write_line(self%unit, to_text(self%n_warnings())//' warning(s):')
-    do k = 1, size(self%warnings)
+    do k = 1, self%n_different
       times = ''
       if (self%warnings(k)%n > 1) times = ' ('//to_text(self%warnings(k)%n)//' times)'
       call write_line(self%unit, '  '//self%warnings(k)%text//times)

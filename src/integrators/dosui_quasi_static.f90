@@ -16,7 +16,8 @@ module dosui_quasi_static
   use dosui_force_balance, only: close_rest
   use dosui_implicit_system, only: elastic_tangent, implicit_system_t
   use dosui_model, only: model_t
-  use dosui_pore_water, only: content_change, mean_saturation, saturation_at, wet_masses
+  use dosui_pore_water, only: compressibility_at, content_change, mean_saturation, &
+                              saturation_at, wet_masses
   use dosui_progress_watch, only: progress_watch_t
   use dosui_scene, only: table_t
   use dosui_seepage, only: seepage_t
@@ -69,6 +70,7 @@ module dosui_quasi_static
     integer, private :: n_stiff = 0            !! steps in a row with it
     type(progress_watch_t), private :: watch
     character(len=:), allocatable, private :: trouble   !! where the last failed attempt had it
+    logical, private :: is_rough = .false.   !! the next step meets jumps of heads or suctions
     logical, private :: is_moved = .false.   !! the state is not that of the step's start
     type(finite_start_t), private :: start   !! of the present step, finite strains only
     type(small_start_t), private :: small_start   !! likewise, nonlinear small strains
@@ -129,6 +131,7 @@ contains
     do c = 1, size(model%scene%hydraulic_condition)
       call add_corners(model%scene%hydraulic_condition(c)%pattern%factor)
     end do
+    self%is_rough = model%unsaturated .and. .not. model%clock%time > 0.0_wp
     call self%watch%init(model%scene%time%end_time, model%clock%time)
     if (.not. model%next_dt > 0.0_wp) then
       model%next_dt = merge(first_fraction, first_load, model%coupled)*model%scene%time%end_time
@@ -263,6 +266,8 @@ contains
       return
     end if
     call accept(self, model, motion, pressure, err)
+    self%is_rough = .false.
+    if (failures == 0 .and. allocated(self%trouble)) deallocate (self%trouble)
     if (growth > 1.0_wp .and. growth < worthwhile) growth = 1.0_wp
     model%next_dt = max(growth, merge(1.0_wp, 0.0_wp, error_norm <= 1.0_wp))*model%clock%dt
     call model%clock%advance()
@@ -456,7 +461,7 @@ contains
     if (err%failed()) return
     call find_flow(model, t + dt, start + pressure, flow(:, 3), inflow(:, 3))
     self%inflow = a*((inflow(:, 1) + inflow(:, 2))/(gamma*(2.0_wp - gamma)) + inflow(:, 3))
-    call estimate_error(self, model, dt, a, flow, start, pressure, error_norm, err)
+    call estimate_error(self, model, a, content_error(dt, flow), start, pressure, error_norm, err)
 
   contains
 
@@ -515,6 +520,15 @@ contains
       allocate (flow(n, 3))
     end associate
     call find_flow(model, t, start, flow(:, 1), inflow(:, 1))
+    if (self%is_rough) then
+      call self%newton(model, t + dt, dt, supply, .false., motion, pressure, err)
+      if (err%failed()) return
+      call find_flow(model, t + dt, start + pressure, flow(:, 3), inflow(:, 3))
+      self%inflow = dt*inflow(:, 3)
+      call estimate_error(self, model, dt, 0.5_wp*dt*(flow(:, 3) - flow(:, 1)), start, pressure, &
+                          error_norm, err)
+      return
+    end if
     supply = a*flow(:, 1)
     call self%newton(model, t + gamma*dt, a, supply, .false., motion, pressure, err)
     if (err%failed()) return
@@ -527,7 +541,7 @@ contains
     if (err%failed()) return
     call find_flow(model, t + dt, start + pressure, flow(:, 3), inflow(:, 3))
     self%inflow = a*((inflow(:, 1) + inflow(:, 2))/(gamma*(2.0_wp - gamma)) + inflow(:, 3))
-    call estimate_error(self, model, dt, a, flow, start, pressure, error_norm, err)
+    call estimate_error(self, model, a, content_error(dt, flow), start, pressure, error_norm, err)
   end subroutine newton_attempt
 
   subroutine newton(self, model, time, a, supply, is_guess, motion, pressure, err)
@@ -554,7 +568,6 @@ contains
     none = 0.0_wp
     allocate (water(n), pressure_step(n), start(n), source=0.0_wp)
     if (model%coupled) start = model%particles%field(model%p%pore_pressure)%values(1, 1:n)
-    if (allocated(self%trouble)) deallocate (self%trouble)
     damps = model%nonlinear
     relaxation = 1.0_wp
     last_change = huge(1.0_wp)
@@ -905,31 +918,39 @@ contains
     pressure = pressure + pressure_step
   end subroutine advance_within
 
-  subroutine estimate_error(self, model, dt, a, flow, start, pressure, error_norm, err)
-    !! Error of the pressures: e_c = 2 k dt (F_n/g - F_g/(g (1 - g)) + F_1/(1 - g)) put through the
-    !! system, in a norm relative to the excess pressures. A body at rest has none of these; its
-    !! error is the noise that solutions leave on the pressures themselves.
+  pure function content_error(dt, flow) result(content)
+    !! 2 k dt (F_n/g - F_g/(g (1 - g)) + F_1/(1 - g)) [m3].
+    real(wp), intent(in) :: dt            !! [s]
+    real(wp), intent(in) :: flow(:, :)    !! F of the particles at the three times [m3/s]
+    real(wp) :: content(size(flow, 1))
+
+    content = 2.0_wp*error_constant*dt*(flow(:, 1)/gamma - flow(:, 2)/(gamma*(1.0_wp - gamma)) + &
+                                        flow(:, 3)/(1.0_wp - gamma))
+  end function content_error
+
+  subroutine estimate_error(self, model, a, content, start, pressure, error_norm, err)
+    !! Error of the pressures: that of the content put through the system, in a norm relative to the
+    !! excess pressures. A body at rest has none of these; its error is the noise that solutions
+    !! leave on the pressures themselves.
+    !!
+    !! Where pores empty or fill and surfaces switch, flows jump, and the pressures of saturated
+    !! pores, which store next to nothing, with them: such an estimate is as large at any step. What
+    !! lasts are errors of the water content. An estimate that is too large is therefore put through
+    !! the system once more, as what it stores (Hairer & Wanner 1996, IV.8), and at last for the
+    !! time of a first step: errors that die away within it do not count.
     class(quasi_static_t), intent(inout) :: self
     type(model_t), intent(inout) :: model
-    real(wp), intent(in) :: dt, a                    !! [s]
-    real(wp), intent(in) :: flow(:, :)               !! F at the three times [m3/s]
+    real(wp), intent(in) :: a                        !! weight of the flow in the system [s]
+    real(wp), intent(in) :: content(:)               !! error of the water content [m3]
     real(wp), intent(in) :: start(:), pressure(:)    !! at t_n, and its increment [Pa]
     real(wp), intent(out) :: error_norm
     type(error_t), intent(inout) :: err
-    real(wp), allocatable :: motion(:, :), error_pressure(:), supply(:), zero(:, :), excess(:)
-    real(wp) :: allowed
+    real(wp), allocatable :: motion(:, :), error_pressure(:), supply(:), excess(:)
+    real(wp) :: allowed, first
 
     error_norm = 0.0_wp
     call allocate_increments(model, motion, error_pressure, supply)
-    allocate (zero, mold=motion)
-    zero = 0.0_wp
-    supply = 2.0_wp*error_constant*dt*(flow(:, 1)/gamma - flow(:, 2)/(gamma*(1.0_wp - gamma)) + &
-                                       flow(:, 3)/(1.0_wp - gamma))
-    call model%timers%start(model%phase%solver)
-    call self%system%solve(model, a, zero, model%clock%time, zero, .false., supply, &
-                           max(estimate_tolerance, self%system%tolerance), .false., motion, &
-                           error_pressure, err, without_loads=.true.)
-    call model%timers%stop(model%phase%solver)
+    call solve_error(self, model, a, content, motion, error_pressure, err)
     if (err%failed()) return
     excess = start + pressure - &
              model%particles%field(model%p%start_pressure)%values(1, 1:size(pressure))
@@ -937,8 +958,64 @@ contains
     model%pressure_scale = max(model%pressure_scale, allowed)
     allowed = model%scene%time%relative_tolerance*(allowed + scale_share*model%pressure_scale) + &
               noise_share*root_mean_square(model, start + pressure)
-    if (allowed > 0.0_wp) error_norm = root_mean_square(model, error_pressure)/allowed
+    if (.not. allowed > 0.0_wp) return
+    error_norm = root_mean_square(model, error_pressure)/allowed
+    if (.not. (model%unsaturated .or. model%switching)) return
+    first = first_fraction*model%scene%time%end_time
+    if (error_norm > 1.0_wp) call keep_what_lasts(a)
+    if (error_norm > 1.0_wp .and. first > a) call keep_what_lasts(first)
+
+  contains
+
+    subroutine keep_what_lasts(weight)
+      !! Of the error: what is left of it after some time.
+      real(wp), intent(in) :: weight   !! [s]
+
+      if (err%failed()) return
+      call stored_water(self, model, start + pressure, motion, error_pressure, supply)
+      call solve_error(self, model, weight, supply, motion, error_pressure, err)
+      if (err%failed()) return
+      error_norm = min(error_norm, root_mean_square(model, error_pressure)/allowed)
+    end subroutine keep_what_lasts
   end subroutine estimate_error
+
+  subroutine solve_error(self, model, a, supply, motion, pressure, err)
+    !! Motions and pressures that water supplied without any load brings.
+    class(quasi_static_t), intent(inout) :: self
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: a                    !! weight of the flow [s]
+    real(wp), intent(in) :: supply(:)            !! [m3]
+    real(wp), intent(inout) :: motion(:, :)      !! [m]
+    real(wp), intent(inout) :: pressure(:)       !! [Pa]
+    type(error_t), intent(inout) :: err
+    real(wp) :: zero(size(motion, 1), size(motion, 2))
+
+    zero = 0.0_wp
+    call model%timers%start(model%phase%solver)
+    call self%system%solve(model, a, zero, model%clock%time, zero, .false., supply, &
+                           max(estimate_tolerance, self%system%tolerance), .false., motion, &
+                           pressure, err, without_loads=.true.)
+    call model%timers%stop(model%phase%solver)
+  end subroutine solve_error
+
+  subroutine stored_water(self, model, state, motion, pressure, stored)
+    !! Water that small changes of motions and pressures store.
+    class(quasi_static_t), intent(inout) :: self
+    type(model_t), intent(in) :: model
+    real(wp), intent(in) :: state(:)         !! pressures that are changed [Pa]
+    real(wp), intent(in) :: motion(:, :)     !! change [m]
+    real(wp), intent(in) :: pressure(:)      !! likewise [Pa]
+    real(wp), intent(inout) :: stored(:)     !! [m3]
+    real(wp) :: squeezed(size(stored))
+
+    call self%system%stored_by_projection(pressure, stored)
+    if (model%unsaturated) stored = stored + model%weight*pressure* &
+                                    (compressibility_at(model, state) - &
+                                     model%storage%compressibility)
+    if (model%rigid) return
+    call self%system%volume_change(motion, squeezed)
+    stored = stored + squeezed
+  end subroutine stored_water
 
   subroutine accept(self, model, motion, pressure, err)
     !! Puts the increments of a step on particles and surface points.

@@ -190,7 +190,8 @@ contains
       if (.not. err%failed()) call turn_safe(self, model, failure%message, changed, err)
       if (err%failed()) return
       if (changed) cycle
-      err = failure
+      if (allocated(self%trouble)) failure%message = failure%message//'; '//self%trouble
+      call err%set('no equilibrium at t = '//to_text(model%clock%time, 6)//' s: '//failure%message)
       return
     end do
     if (.not. (model%finite .or. model%nonlinear)) then
@@ -541,7 +542,7 @@ contains
       allocate (flow(n, 3))
     end associate
     call find_flow(model, t, start, flow(:, 1), inflow(:, 1))
-    if (self%is_rough) then
+    if (self%is_rough) then   ! backward Euler's step does not turn jumps around
       call self%newton(model, t + dt, dt, supply, .false., motion, pressure, err)
       if (err%failed()) return
       call find_flow(model, t + dt, start + pressure, flow(:, 3), inflow(:, 3))

@@ -27,6 +27,7 @@ module dosui_simulation
   use dosui_skeleton_step, only: start_forces
   use dosui_signals, only: signal_received, signals_watch
   use dosui_state_check, only: check_state, describe_particle, is_sound
+  use dosui_step_watch, only: step_watch_t
   use dosui_text, only: to_text
   use dosui_topology, only: build_geometry, distribute, needs_rebuild, refresh_storage, &
                             refresh_weights
@@ -169,6 +170,7 @@ contains
     integer(i8) :: first_step, check_interval
     type(quasi_static_t) :: quasi_static
     type(semi_implicit_t) :: semi_implicit
+    type(step_watch_t) :: watch
     type(error_t) :: write_error
 
     status = status_failed
@@ -201,7 +203,7 @@ contains
       if (model%integrator == 'quasi_static') then
         call quasi_static%step(model, err)
       else
-        call step(model, semi_implicit, err)
+        call step(model, semi_implicit, watch, err)
       end if
       if (is_due(model, check_interval)) call check_state(model, err)
       if (err%failed()) then
@@ -267,18 +269,22 @@ contains
     end associate
   end function is_due
 
-  subroutine step(model, semi_implicit, err)
+  subroutine step(model, semi_implicit, watch, err)
     !! One step with inertia: choose dt, advance, follow the particles.
     type(model_t), intent(inout) :: model
     type(semi_implicit_t), intent(inout) :: semi_implicit
+    type(step_watch_t), intent(inout) :: watch
     type(error_t), intent(inout) :: err
 
     if (model%integrator == 'semi_implicit') then
       call choose_semi_implicit_step(model)
-      call semi_implicit%step(model, err)
+      call watch%look(model, err)
+      if (.not. err%failed()) call semi_implicit%step(model, err)
       if (err%failed()) return
     else
       call choose_explicit_step(model)
+      call watch%look(model, err)
+      if (err%failed()) return
       call explicit_step(model, .true., err)
     end if
     call model%clock%advance()

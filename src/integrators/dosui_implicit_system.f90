@@ -755,7 +755,7 @@ contains
     integer :: n_storage
 
     call add_storage(self, model, storage, coupling)
-    if (model%nonlinear) self%storage_place = storage_places(self, storage)
+    if (model%nonlinear .or. model%switching) self%storage_place = storage_places(self, storage)
     if (model%unsaturated) call add_capacity(self, model, storage, coupling)
     n_storage = storage%n
     call coupling%finish()

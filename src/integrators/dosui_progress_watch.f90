@@ -4,6 +4,9 @@
 !! of them, with too large a share that had to be repeated, or whose failed steps have shrunk to
 !! almost nothing, will not end in anybody's lifetime. Twice the time since the start begins a new
 !! window, too. Steps that the user has chosen do not count: they may be as small as they like.
+!!
+!! Failed solutions are dear. Where step after step has some, steps do not grow: a run that would
+!! need very many of these is stuck at once.
 module dosui_progress_watch
   use dosui_kinds, only: wp
   use dosui_text, only: to_text
@@ -15,6 +18,10 @@ module dosui_progress_watch
   integer, parameter :: most_failures = 30        !! of solutions in a window: these are costly
   real(wp), parameter :: repeated_share = 0.25_wp    !! of the attempts: fewer are no trouble [-]
   real(wp), parameter :: least_step = 1.0e-9_wp   !! of the run, of solutions that fail [-]
+  integer, parameter :: most_vain = 8             !! failures where steps do not grow ...
+  integer, parameter :: most_troubled = 3         !! ... more of these steps than of others ...
+  real(wp), parameter :: small_step = 2.0e-4_wp   !! ... that are shorter, of what is left ...
+  real(wp), parameter :: shrunk = 0.1_wp          !! ... and of the longest attempt [-]
   real(wp), parameter :: least_progress = 1.0e-7_wp  !! of the run, in a full window [-]
 
   type, public :: progress_watch_t
@@ -24,6 +31,11 @@ module dosui_progress_watch
     real(wp) :: start = 0.0_wp       !! of the window [s]
     real(wp) :: now = 0.0_wp         !! end of the last step [s]
     real(wp) :: smallest = huge(1.0_wp)   !! step whose solution failed in the window [s]
+    real(wp) :: step = huge(1.0_wp)  !! the last one that the integrator chose [s]
+    integer :: n_troubled = 0        !! steps with failures, less those without
+    integer :: n_vain = 0            !! failures since there were none of these steps
+    logical :: has_failed = .false.  !! in the present step
+    real(wp) :: longest = 0.0_wp     !! attempt [s]
     integer :: n_attempt = 0         !! in the window
     integer :: n_failed = 0          !! of them: without solution
     integer :: n_rejected = 0        !! of them: too inaccurate, or with other surface points
@@ -56,8 +68,15 @@ contains
     real(wp), intent(in) :: time         !! its end [s]
     logical, intent(in) :: is_chosen     !! its length was the integrator's own choice
 
+    if (is_chosen) then
+      self%n_attempt = self%n_attempt + 1
+      self%step = time - self%now
+      self%longest = max(self%longest, self%step)
+    end if
+    self%n_troubled = max(0, self%n_troubled + merge(1, -1, self%has_failed))
+    if (self%n_troubled == 0) self%n_vain = 0
+    self%has_failed = .false.
     self%now = time
-    if (is_chosen) self%n_attempt = self%n_attempt + 1
     ! after loads that come at once steps grow with the time since then: that is progress, too
     if (time - self%start < window*self%length .and. &
         time - self%origin < 2.0_wp*(self%start - self%origin)) return
@@ -83,6 +102,9 @@ contains
 
     self%n_attempt = self%n_attempt + 1
     self%n_failed = self%n_failed + 1
+    self%n_vain = self%n_vain + 1
+    self%has_failed = .true.
+    self%longest = max(self%longest, dt)
     self%smallest = min(self%smallest, dt)
   end subroutine watch_fail
 
@@ -93,6 +115,9 @@ contains
 
     repeated = self%n_failed + self%n_rejected
     stuck = self%n_failed >= most_failures .or. self%smallest < least_step*self%length
+    stuck = stuck .or. (self%n_vain >= most_vain .and. self%n_troubled >= most_troubled .and. &
+                        self%step < small_step*(self%length - self%now) .and. &
+                        self%step < shrunk*self%longest)
     if (self%n_attempt < most_attempts) return
     stuck = stuck .or. real(repeated, wp) >= repeated_share*real(self%n_attempt, wp) .or. &
             self%now - self%start < least_progress*self%length
@@ -107,5 +132,7 @@ contains
            ' attempts at a step, '//to_text(self%n_failed)//' without solution, '// &
            to_text(self%n_rejected)//' rejected'
     if (self%n_failed > 0) text = text//', the smallest of '//to_text(self%smallest, 3)//' s'
+    if (self%n_vain > self%n_failed) text = text//'; '//to_text(self%n_vain)// &
+                                            ' failures in steps that do not grow'
   end function watch_describe
 end module dosui_progress_watch

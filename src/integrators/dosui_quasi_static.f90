@@ -16,7 +16,8 @@ module dosui_quasi_static
   use dosui_force_balance, only: close_rest
   use dosui_implicit_system, only: elastic_tangent, implicit_system_t
   use dosui_model, only: model_t
-  use dosui_pore_water, only: content_change, mean_saturation, saturation_at, wet_masses
+  use dosui_pore_water, only: compressibility_at, content_change, mean_saturation, &
+                              saturation_at, wet_masses
   use dosui_progress_watch, only: progress_watch_t
   use dosui_scene, only: table_t
   use dosui_seepage, only: seepage_t
@@ -69,6 +70,7 @@ module dosui_quasi_static
     integer, private :: n_stiff = 0            !! steps in a row with it
     type(progress_watch_t), private :: watch
     character(len=:), allocatable, private :: trouble   !! where the last failed attempt had it
+    logical, private :: is_rough = .false.   !! the next step meets jumps of heads or suctions
     logical, private :: is_moved = .false.   !! the state is not that of the step's start
     type(finite_start_t), private :: start   !! of the present step, finite strains only
     type(small_start_t), private :: small_start   !! likewise, nonlinear small strains
@@ -91,6 +93,27 @@ module dosui_quasi_static
     procedure, private :: report_forces
     procedure, private :: advance_within
   end type quasi_static_t
+
+  type :: stage_t
+    !! A stage of a step that Newton's iterations solve, and how they get on.
+    real(wp) :: time = 0.0_wp        !! at its end [s]
+    real(wp) :: a = 0.0_wp           !! weight of the flow there [s]
+    real(wp), allocatable :: supply(:)     !! of the particles [m3]
+    real(wp), allocatable :: start(:)      !! their pressures at the step's start [Pa]
+    real(wp), allocatable :: held(:, :)    !! prescribed motion of nodes since then [m]
+    logical :: has_held = .false.          !! it is still to come
+    real(wp), allocatable :: force(:, :)   !! unbalanced [N]
+    real(wp), allocatable :: water(:)      !! missing [m3]
+    real(wp), allocatable :: step(:, :), pressure_step(:)   !! the last increment [m], [Pa]
+    logical :: damps = .false.       !! swinging increments
+    logical :: searches = .false.    !! goes back where the residual grows
+    logical :: is_falling = .false.  !! the residual
+    real(wp) :: relaxation = 1.0_wp, relaxed = 1.0_wp   !! next and last share of an increment [-]
+    real(wp) :: residual = huge(1.0_wp), last_residual = huge(1.0_wp)   !! [-]
+    real(wp) :: least_residual = huge(1.0_wp)                           !! [-]
+    real(wp) :: motion_change = 0.0_wp, water_change = 0.0_wp   !! last increments over all [-]
+    real(wp) :: change = 0.0_wp, last_change = huge(1.0_wp)     !! the larger of them [-]
+  end type stage_t
 
 contains
 
@@ -129,6 +152,7 @@ contains
     do c = 1, size(model%scene%hydraulic_condition)
       call add_corners(model%scene%hydraulic_condition(c)%pattern%factor)
     end do
+    self%is_rough = model%unsaturated .and. .not. model%clock%time > 0.0_wp
     call self%watch%init(model%scene%time%end_time, model%clock%time)
     if (.not. model%next_dt > 0.0_wp) then
       model%next_dt = merge(first_fraction, first_load, model%coupled)*model%scene%time%end_time
@@ -166,7 +190,8 @@ contains
       if (.not. err%failed()) call turn_safe(self, model, failure%message, changed, err)
       if (err%failed()) return
       if (changed) cycle
-      err = failure
+      if (allocated(self%trouble)) failure%message = failure%message//'; '//self%trouble
+      call err%set('no equilibrium at t = '//to_text(model%clock%time, 6)//' s: '//failure%message)
       return
     end do
     if (.not. (model%finite .or. model%nonlinear)) then
@@ -263,6 +288,8 @@ contains
       return
     end if
     call accept(self, model, motion, pressure, err)
+    self%is_rough = .false.
+    if (failures == 0 .and. allocated(self%trouble)) deallocate (self%trouble)
     if (growth > 1.0_wp .and. growth < worthwhile) growth = 1.0_wp
     model%next_dt = max(growth, merge(1.0_wp, 0.0_wp, error_norm <= 1.0_wp))*model%clock%dt
     call model%clock%advance()
@@ -456,7 +483,7 @@ contains
     if (err%failed()) return
     call find_flow(model, t + dt, start + pressure, flow(:, 3), inflow(:, 3))
     self%inflow = a*((inflow(:, 1) + inflow(:, 2))/(gamma*(2.0_wp - gamma)) + inflow(:, 3))
-    call estimate_error(self, model, dt, a, flow, start, pressure, error_norm, err)
+    call estimate_error(self, model, a, content_error(dt, flow), start, pressure, error_norm, err)
 
   contains
 
@@ -515,6 +542,15 @@ contains
       allocate (flow(n, 3))
     end associate
     call find_flow(model, t, start, flow(:, 1), inflow(:, 1))
+    if (self%is_rough) then   ! backward Euler's step does not turn jumps around
+      call self%newton(model, t + dt, dt, supply, .false., motion, pressure, err)
+      if (err%failed()) return
+      call find_flow(model, t + dt, start + pressure, flow(:, 3), inflow(:, 3))
+      self%inflow = dt*inflow(:, 3)
+      call estimate_error(self, model, dt, 0.5_wp*dt*(flow(:, 3) - flow(:, 1)), start, pressure, &
+                          error_norm, err)
+      return
+    end if
     supply = a*flow(:, 1)
     call self%newton(model, t + gamma*dt, a, supply, .false., motion, pressure, err)
     if (err%failed()) return
@@ -527,7 +563,7 @@ contains
     if (err%failed()) return
     call find_flow(model, t + dt, start + pressure, flow(:, 3), inflow(:, 3))
     self%inflow = a*((inflow(:, 1) + inflow(:, 2))/(gamma*(2.0_wp - gamma)) + inflow(:, 3))
-    call estimate_error(self, model, dt, a, flow, start, pressure, error_norm, err)
+    call estimate_error(self, model, a, content_error(dt, flow), start, pressure, error_norm, err)
   end subroutine newton_attempt
 
   subroutine newton(self, model, time, a, supply, is_guess, motion, pressure, err)
@@ -542,145 +578,212 @@ contains
     real(wp), intent(inout) :: motion(:, :)   !! since the start [m]
     real(wp), intent(inout) :: pressure(:)    !! since the start [Pa]
     type(error_t), intent(inout) :: err
-    real(wp), allocatable :: held(:, :), none(:, :), force(:, :), water(:), start(:)
-    real(wp), allocatable :: step(:, :), pressure_step(:)
-    real(wp) :: scale, change, last_change, motion_change, water_change, relaxation, t, &
-                residual, last_residual, relaxed, least_residual
-    integer :: k, n, n_idle
-    logical :: has_held, damps, is_falling, searches
+    type(stage_t) :: stage
+    integer :: k, n_idle
 
-    n = model%particles%count
-    allocate (held, none, step, mold=motion)
-    none = 0.0_wp
-    allocate (water(n), pressure_step(n), start(n), source=0.0_wp)
-    if (model%coupled) start = model%particles%field(model%p%pore_pressure)%values(1, 1:n)
-    if (allocated(self%trouble)) deallocate (self%trouble)
-    damps = model%nonlinear
-    relaxation = 1.0_wp
-    last_change = huge(1.0_wp)
-    last_residual = huge(1.0_wp)
-    relaxed = 1.0_wp
-    motion_change = 0.0_wp
-    water_change = 0.0_wp
-    held = 0.0_wp
-    has_held = .false.
-    if (.not. model%rigid) then
-      call self%system%unknowns%prescribe(model, model%clock%time, time, held, has_held)
-    end if
-    if (is_guess) then   ! else the first iteration distributes it over the body
-      if (has_held) motion = merge(held, motion, self%system%unknowns%is_held)
-      has_held = .false.
-    end if
+    call open_stage(self, model, time, a, supply, is_guess, motion, stage)
     call self%move_from_start(model, motion, err)
-    searches = damps .and. .not. model%unsaturated
-    least_residual = huge(1.0_wp)
+    call evaluate(self, model, stage, motion, pressure, err)
     n_idle = 0
-    call evaluate(residual)
     do k = 1, newton_limit
       if (err%failed()) return
-      call model%timers%start(model%phase%assembly)
-      call add_pressure(model, pressure)   ! its forces turn with the body
-      t = model%clock%time
-      model%clock%time = time
-      if (model%unsaturated) call prepare_linearisation(model, time, start + pressure)
-      if (self%stiffening > 0.0_wp) call stiffen(model, self%stiffening)
-      call self%system%build(model, .false., err)
-      model%clock%time = t
-      call add_pressure(model, -pressure)
-      if (model%finite .and. model%coupled .and. .not. err%failed()) then
-        ! what is stored and flows belongs to the places that the system was just built for
-        call self%water_residual(model, time, a, supply, start, pressure, water, err)
-        residual = residual_norm(self, model, force, water)
-      end if
-      call model%timers%stop(model%phase%assembly)
-      call model%timers%start(model%phase%solver)
-      call self%system%solve(model, a, force, time, merge(held, none, has_held), has_held, &
-                             water, direct_tolerance(self), .false., step, pressure_step, err)
-      call model%timers%stop(model%phase%solver)
-      self%n_newton = self%n_newton + 1
+      call find_increment(self, model, stage, pressure, err)
       if (err%failed()) exit
-      is_falling = residual <= (1.0_wp - 0.5_wp*relaxed)*last_residual
-      last_residual = residual
-      if (damps .and. .not. searches) then   ! less while they swing about a kink of suction
-        if (is_falling) relaxation = min(1.0_wp, 4.0_wp*relaxation)
-        step = relaxation*step
-        pressure_step = relaxation*pressure_step
-        relaxed = relaxation
+      call relax_increment(stage)
+      stage%water_change = model%comm%maximum(maxval(abs(stage%pressure_step)))
+      if (model%unsaturated) then
+        call stay_near_kinks(model, stage%start + pressure, stage%pressure_step)
       end if
-      water_change = model%comm%maximum(maxval(abs(pressure_step)))
-      if (model%unsaturated) call stay_near_kinks(model, start + pressure, pressure_step)
-      call self%advance_within(model, step, pressure_step, motion, pressure, err)
-      associate (displacement => model%particles%field(model%p%displacement)%values)
-        scale = model%comm%maximum(max(maxval(abs(motion)), maxval(abs(displacement)))) + &
-                merge(still, newton_tolerance, model%finite)*model%scene%grid_spacing
-      end associate
-      motion_change = model%comm%maximum(maxval(abs(step)))/scale
-      change = motion_change
-      if (model%coupled) then
-        scale = model%comm%maximum(maxval(abs(start + pressure))) + model%pressure_scale + &
-                newton_tolerance*self%system%pressure
-        water_change = water_change/scale
-        change = max(change, water_change)
+      call self%advance_within(model, stage%step, stage%pressure_step, motion, pressure, err)
+      call measure_change(self, model, stage, motion, pressure)
+      call adapt_relaxation(stage, k)
+      if (stage%change <= merge(kink_tolerance, newton_tolerance, stage%damps) .and. &
+          .not. err%failed()) return
+      call evaluate(self, model, stage, motion, pressure, err)
+      if (stage%searches .and. .not. stage%has_held) then
+        call go_back_while_worse(self, model, stage, motion, pressure, err)
       end if
-      if (damps .and. .not. searches) then
-        change = change/relaxation
-        relaxation = min(1.0_wp, 2.0_wp*relaxation)
-        if (k > 2 .and. change > swing*last_change .and. .not. is_falling) then
-          relaxation = max(least_relaxation, 0.25_wp*relaxation)
-        end if
-        last_change = change
-      end if
-      if (change <= merge(kink_tolerance, newton_tolerance, damps) .and. .not. err%failed()) return
-      call evaluate(residual)
-      if (searches .and. .not. has_held) call go_back_while_worse(last_residual)
-      has_held = .false.
+      stage%has_held = .false.
       n_idle = n_idle + 1
-      if (residual < worthwhile_fall*least_residual .or. k == 1) then
-        least_residual = residual
+      if (stage%residual < worthwhile_fall*stage%least_residual .or. k == 1) then
+        stage%least_residual = stage%residual
         n_idle = 0
       end if
-      if (n_idle >= patience .and. damps) exit
+      if (n_idle >= patience .and. stage%damps) exit
     end do
     if (.not. err%failed()) then
-      call err%set('Newton''s iterations do not converge (last change '//to_text(change, 3)//')')
+      call err%set('Newton''s iterations do not converge (last change '// &
+                   to_text(stage%change, 3)//')')
     end if
-    call note_trouble(self, model, force, pressure_step, water_change > motion_change)
-
-  contains
-
-    subroutine evaluate(norm)
-      !! Unbalanced forces and missing water of the trial state at hand, and their norm.
-      real(wp), intent(out) :: norm   !! [-]
-
-      norm = huge(1.0_wp)
-      if (err%failed()) return
-      call add_pressure(model, pressure)
-      t = model%clock%time
-      model%clock%time = time
-      call self%force_residual(model, start + pressure, motion, force)
-      model%clock%time = t
-      call add_pressure(model, -pressure)
-      if (model%coupled) call self%water_residual(model, time, a, supply, start, pressure, water, &
-                                                  err)
-      call check_residual(model, force, water, err)
-      if (.not. err%failed()) norm = residual_norm(self, model, force, water)
-    end subroutine evaluate
-
-    subroutine go_back_while_worse(before)
-      !! Half of an increment, a quarter, ... where the whole of it makes the residual larger.
-      real(wp), intent(in) :: before   !! residual without the increment [-]
-      real(wp) :: share
-
-      share = 1.0_wp
-      do while (residual > before .and. share > least_relaxation .and. .not. err%failed())
-        share = 0.5_wp*share
-        motion = motion - share*step
-        pressure = pressure - share*pressure_step
-        call self%move_from_start(model, motion, err)
-        call evaluate(residual)
-      end do
-    end subroutine go_back_while_worse
+    call note_trouble(self, model, stage%force, stage%pressure_step, &
+                      stage%water_change > stage%motion_change)
   end subroutine newton
+
+  subroutine open_stage(self, model, time, a, supply, is_guess, motion, stage)
+    !! What Newton's iterations of a stage start with.
+    class(quasi_static_t), intent(inout) :: self
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: time, a          !! as of `newton` [s]
+    real(wp), intent(in) :: supply(:)        !! [m3]
+    logical, intent(in) :: is_guess
+    real(wp), intent(inout) :: motion(:, :)  !! [m]
+    type(stage_t), intent(out) :: stage
+    integer :: n
+
+    n = model%particles%count
+    stage%time = time
+    stage%a = a
+    stage%supply = supply
+    allocate (stage%held, stage%step, mold=motion)
+    allocate (stage%water(n), stage%pressure_step(n), stage%start(n), source=0.0_wp)
+    if (model%coupled) then
+      stage%start = model%particles%field(model%p%pore_pressure)%values(1, 1:n)
+    end if
+    stage%held = 0.0_wp
+    stage%step = 0.0_wp
+    if (.not. model%rigid) then
+      call self%system%unknowns%prescribe(model, model%clock%time, time, stage%held, stage%has_held)
+    end if
+    if (is_guess) then   ! else the first iteration distributes it over the body
+      if (stage%has_held) motion = merge(stage%held, motion, self%system%unknowns%is_held)
+      stage%has_held = .false.
+    end if
+    stage%damps = model%nonlinear
+    stage%searches = stage%damps .and. .not. model%unsaturated
+  end subroutine open_stage
+
+  subroutine find_increment(self, model, stage, pressure, err)
+    !! Builds the equations at the trial state and solves them for an increment. Collective.
+    class(quasi_static_t), intent(inout) :: self
+    type(model_t), intent(inout) :: model
+    type(stage_t), intent(inout) :: stage
+    real(wp), intent(in) :: pressure(:)   !! since the start [Pa]
+    type(error_t), intent(inout) :: err
+    real(wp) :: none(size(stage%held, 1), size(stage%held, 2)), t
+
+    none = 0.0_wp
+    call model%timers%start(model%phase%assembly)
+    call add_pressure(model, pressure)   ! its forces turn with the body
+    t = model%clock%time
+    model%clock%time = stage%time
+    if (model%unsaturated) then
+      call prepare_linearisation(model, stage%time, stage%start + pressure)
+    end if
+    if (self%stiffening > 0.0_wp) call stiffen(model, self%stiffening)
+    call self%system%build(model, .false., err)
+    model%clock%time = t
+    call add_pressure(model, -pressure)
+    if (model%finite .and. model%coupled .and. .not. err%failed()) then
+      ! what is stored and flows belongs to the places that the system was just built for
+      call self%water_residual(model, stage%time, stage%a, stage%supply, stage%start, pressure, &
+                               stage%water, err)
+      stage%residual = residual_norm(self, model, stage%force, stage%water)
+    end if
+    call model%timers%stop(model%phase%assembly)
+    call model%timers%start(model%phase%solver)
+    call self%system%solve(model, stage%a, stage%force, stage%time, &
+                           merge(stage%held, none, stage%has_held), stage%has_held, stage%water, &
+                           direct_tolerance(self), .false., stage%step, stage%pressure_step, err)
+    call model%timers%stop(model%phase%solver)
+    self%n_newton = self%n_newton + 1
+  end subroutine find_increment
+
+  subroutine relax_increment(stage)
+    !! Less of an increment while they swing about a kink of suction.
+    type(stage_t), intent(inout) :: stage
+
+    stage%is_falling = stage%residual <= (1.0_wp - 0.5_wp*stage%relaxed)*stage%last_residual
+    stage%last_residual = stage%residual
+    if (.not. stage%damps .or. stage%searches) return
+    if (stage%is_falling) stage%relaxation = min(1.0_wp, 4.0_wp*stage%relaxation)
+    stage%step = stage%relaxation*stage%step
+    stage%pressure_step = stage%relaxation*stage%pressure_step
+    stage%relaxed = stage%relaxation
+  end subroutine relax_increment
+
+  subroutine measure_change(self, model, stage, motion, pressure)
+    !! The last increments over all of them. Collective.
+    class(quasi_static_t), intent(in) :: self
+    type(model_t), intent(in) :: model
+    type(stage_t), intent(inout) :: stage
+    real(wp), intent(in) :: motion(:, :)   !! since the start [m]
+    real(wp), intent(in) :: pressure(:)    !! likewise [Pa]
+    real(wp) :: scale
+
+    associate (displacement => model%particles%field(model%p%displacement)%values)
+      scale = model%comm%maximum(max(maxval(abs(motion)), maxval(abs(displacement)))) + &
+              merge(still, newton_tolerance, model%finite)*model%scene%grid_spacing
+    end associate
+    stage%motion_change = model%comm%maximum(maxval(abs(stage%step)))/scale
+    stage%change = stage%motion_change
+    if (.not. model%coupled) return
+    scale = model%comm%maximum(maxval(abs(stage%start + pressure))) + model%pressure_scale + &
+            newton_tolerance*self%system%pressure
+    stage%water_change = stage%water_change/scale
+    stage%change = max(stage%change, stage%water_change)
+  end subroutine measure_change
+
+  subroutine adapt_relaxation(stage, k)
+    !! Increments that neither shrink nor bring the residual down are damped.
+    type(stage_t), intent(inout) :: stage
+    integer, intent(in) :: k   !! iterations done
+
+    if (.not. stage%damps .or. stage%searches) return
+    stage%change = stage%change/stage%relaxation
+    stage%relaxation = min(1.0_wp, 2.0_wp*stage%relaxation)
+    if (k > 2 .and. stage%change > swing*stage%last_change .and. .not. stage%is_falling) then
+      stage%relaxation = max(least_relaxation, 0.25_wp*stage%relaxation)
+    end if
+    stage%last_change = stage%change
+  end subroutine adapt_relaxation
+
+  subroutine evaluate(self, model, stage, motion, pressure, err)
+    !! Unbalanced forces and missing water of the trial state at hand, and their norm. Collective.
+    class(quasi_static_t), intent(inout) :: self
+    type(model_t), intent(inout) :: model
+    type(stage_t), intent(inout) :: stage
+    real(wp), intent(in) :: motion(:, :)   !! since the start [m]
+    real(wp), intent(in) :: pressure(:)    !! likewise [Pa]
+    type(error_t), intent(inout) :: err
+    real(wp) :: t
+
+    stage%residual = huge(1.0_wp)
+    if (err%failed()) return
+    call add_pressure(model, pressure)
+    t = model%clock%time
+    model%clock%time = stage%time
+    call self%force_residual(model, stage%start + pressure, motion, stage%force)
+    model%clock%time = t
+    call add_pressure(model, -pressure)
+    if (model%coupled) then
+      call self%water_residual(model, stage%time, stage%a, stage%supply, stage%start, pressure, &
+                               stage%water, err)
+    end if
+    call check_residual(model, stage%force, stage%water, err)
+    if (err%failed()) return
+    stage%residual = residual_norm(self, model, stage%force, stage%water)
+  end subroutine evaluate
+
+  subroutine go_back_while_worse(self, model, stage, motion, pressure, err)
+    !! Half of an increment, a quarter, ... where the whole of it makes the residual larger.
+    class(quasi_static_t), intent(inout) :: self
+    type(model_t), intent(inout) :: model
+    type(stage_t), intent(inout) :: stage
+    real(wp), intent(inout) :: motion(:, :)   !! since the start [m]
+    real(wp), intent(inout) :: pressure(:)    !! likewise [Pa]
+    type(error_t), intent(inout) :: err
+    real(wp) :: share
+
+    share = 1.0_wp
+    do while (stage%residual > stage%last_residual .and. share > least_relaxation .and. &
+              .not. err%failed())
+      share = 0.5_wp*share
+      motion = motion - share*stage%step
+      pressure = pressure - share*stage%pressure_step
+      call self%move_from_start(model, motion, err)
+      call evaluate(self, model, stage, motion, pressure, err)
+    end do
+  end subroutine go_back_while_worse
 
   subroutine check_residual(model, force, water, err)
     !! Says where forces or flows are not finite numbers before a solver hears of it. Collective.
@@ -910,31 +1013,39 @@ contains
     pressure = pressure + pressure_step
   end subroutine advance_within
 
-  subroutine estimate_error(self, model, dt, a, flow, start, pressure, error_norm, err)
-    !! Error of the pressures: e_c = 2 k dt (F_n/g - F_g/(g (1 - g)) + F_1/(1 - g)) put through the
-    !! system, in a norm relative to the excess pressures. A body at rest has none of these; its
-    !! error is the noise that solutions leave on the pressures themselves.
+  pure function content_error(dt, flow) result(content)
+    !! 2 k dt (F_n/g - F_g/(g (1 - g)) + F_1/(1 - g)) [m3].
+    real(wp), intent(in) :: dt            !! [s]
+    real(wp), intent(in) :: flow(:, :)    !! F of the particles at the three times [m3/s]
+    real(wp) :: content(size(flow, 1))
+
+    content = 2.0_wp*error_constant*dt*(flow(:, 1)/gamma - flow(:, 2)/(gamma*(1.0_wp - gamma)) + &
+                                        flow(:, 3)/(1.0_wp - gamma))
+  end function content_error
+
+  subroutine estimate_error(self, model, a, content, start, pressure, error_norm, err)
+    !! Error of the pressures: that of the content put through the system, in a norm relative to the
+    !! excess pressures. A body at rest has none of these; its error is the noise that solutions
+    !! leave on the pressures themselves.
+    !!
+    !! Where pores empty or fill and surfaces switch, flows jump, and the pressures of saturated
+    !! pores, which store next to nothing, with them: such an estimate is as large at any step. What
+    !! lasts are errors of the water content. An estimate that is too large is therefore put through
+    !! the system once more, as what it stores (Hairer & Wanner 1996, IV.8), and at last for the
+    !! time of a first step: errors that die away within it do not count.
     class(quasi_static_t), intent(inout) :: self
     type(model_t), intent(inout) :: model
-    real(wp), intent(in) :: dt, a                    !! [s]
-    real(wp), intent(in) :: flow(:, :)               !! F at the three times [m3/s]
+    real(wp), intent(in) :: a                        !! weight of the flow in the system [s]
+    real(wp), intent(in) :: content(:)               !! error of the water content [m3]
     real(wp), intent(in) :: start(:), pressure(:)    !! at t_n, and its increment [Pa]
     real(wp), intent(out) :: error_norm
     type(error_t), intent(inout) :: err
-    real(wp), allocatable :: motion(:, :), error_pressure(:), supply(:), zero(:, :), excess(:)
-    real(wp) :: allowed
+    real(wp), allocatable :: motion(:, :), error_pressure(:), supply(:), excess(:)
+    real(wp) :: allowed, first
 
     error_norm = 0.0_wp
     call allocate_increments(model, motion, error_pressure, supply)
-    allocate (zero, mold=motion)
-    zero = 0.0_wp
-    supply = 2.0_wp*error_constant*dt*(flow(:, 1)/gamma - flow(:, 2)/(gamma*(1.0_wp - gamma)) + &
-                                       flow(:, 3)/(1.0_wp - gamma))
-    call model%timers%start(model%phase%solver)
-    call self%system%solve(model, a, zero, model%clock%time, zero, .false., supply, &
-                           max(estimate_tolerance, self%system%tolerance), .false., motion, &
-                           error_pressure, err, without_loads=.true.)
-    call model%timers%stop(model%phase%solver)
+    call solve_error(self, model, a, content, motion, error_pressure, err)
     if (err%failed()) return
     excess = start + pressure - &
              model%particles%field(model%p%start_pressure)%values(1, 1:size(pressure))
@@ -942,8 +1053,64 @@ contains
     model%pressure_scale = max(model%pressure_scale, allowed)
     allowed = model%scene%time%relative_tolerance*(allowed + scale_share*model%pressure_scale) + &
               noise_share*root_mean_square(model, start + pressure)
-    if (allowed > 0.0_wp) error_norm = root_mean_square(model, error_pressure)/allowed
+    if (.not. allowed > 0.0_wp) return
+    error_norm = root_mean_square(model, error_pressure)/allowed
+    if (.not. (model%unsaturated .or. model%switching)) return
+    first = first_fraction*model%scene%time%end_time
+    if (error_norm > 1.0_wp) call keep_what_lasts(a)
+    if (error_norm > 1.0_wp .and. first > a) call keep_what_lasts(first)
+
+  contains
+
+    subroutine keep_what_lasts(weight)
+      !! Of the error: what is left of it after some time.
+      real(wp), intent(in) :: weight   !! [s]
+
+      if (err%failed()) return
+      call stored_water(self, model, start + pressure, motion, error_pressure, supply)
+      call solve_error(self, model, weight, supply, motion, error_pressure, err)
+      if (err%failed()) return
+      error_norm = min(error_norm, root_mean_square(model, error_pressure)/allowed)
+    end subroutine keep_what_lasts
   end subroutine estimate_error
+
+  subroutine solve_error(self, model, a, supply, motion, pressure, err)
+    !! Motions and pressures that water supplied without any load brings.
+    class(quasi_static_t), intent(inout) :: self
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: a                    !! weight of the flow [s]
+    real(wp), intent(in) :: supply(:)            !! [m3]
+    real(wp), intent(inout) :: motion(:, :)      !! [m]
+    real(wp), intent(inout) :: pressure(:)       !! [Pa]
+    type(error_t), intent(inout) :: err
+    real(wp) :: zero(size(motion, 1), size(motion, 2))
+
+    zero = 0.0_wp
+    call model%timers%start(model%phase%solver)
+    call self%system%solve(model, a, zero, model%clock%time, zero, .false., supply, &
+                           max(estimate_tolerance, self%system%tolerance), .false., motion, &
+                           pressure, err, without_loads=.true.)
+    call model%timers%stop(model%phase%solver)
+  end subroutine solve_error
+
+  subroutine stored_water(self, model, state, motion, pressure, stored)
+    !! Water that small changes of motions and pressures store.
+    class(quasi_static_t), intent(inout) :: self
+    type(model_t), intent(in) :: model
+    real(wp), intent(in) :: state(:)         !! pressures that are changed [Pa]
+    real(wp), intent(in) :: motion(:, :)     !! change [m]
+    real(wp), intent(in) :: pressure(:)      !! likewise [Pa]
+    real(wp), intent(inout) :: stored(:)     !! [m3]
+    real(wp) :: squeezed(size(stored))
+
+    call self%system%stored_by_projection(pressure, stored)
+    if (model%unsaturated) stored = stored + model%weight*pressure* &
+                                    (compressibility_at(model, state) - &
+                                     model%storage%compressibility)
+    if (model%rigid) return
+    call self%system%volume_change(motion, squeezed)
+    stored = stored + squeezed
+  end subroutine stored_water
 
   subroutine accept(self, model, motion, pressure, err)
     !! Puts the increments of a step on particles and surface points.

@@ -93,8 +93,9 @@ contains
         return
       end if
       model%clock%dt = 0.5_wp*model%clock%dt
-      call model%log%warning(failure%message//'; step repeated with dt = '// &
-                             to_text(model%clock%dt)//' s')
+      call model%log%warning('semi-implicit steps had no solution and were repeated with half '// &
+                             'of dt', ': at t = '//to_text(model%clock%time, 6)//' s with dt = '// &
+                             to_text(model%clock%dt, 3)//' s ('//failure%message//')')
     end do
     associate (values => model%particles%field(model%p%pore_pressure)%values)
       before = values(1, 1:n)

@@ -253,6 +253,126 @@ def test_a_footing_beyond_its_strength(dosui):
     assert np.isfinite(run.fields("r")["displacement"]).all()
 
 
+DAM = """&scene dimension=2 integrator='quasi_static' gravity=0,-9.81 /
+&grid spacing=0.1 /
+&time end_time=1e6 /
+&material name='s' rigid=.true. porosity=0.3 hydraulic_conductivity=1e-4
+  retention='van_genuchten' retention_alpha=20 retention_exponent=4 /
+&region name='r' material='s' box_min=0,0 box_max=1,1 /
+&initial_state pore_pressure='hydrostatic' water_level=0.75 /
+&surface name='left' region='r' face='x-' /
+&surface name='right' region='r' face='x+' /
+&hydraulic_condition surface='left' kind='reservoir' value=0.9 /
+&hydraulic_condition surface='right' kind='reservoir' value=0.2 /
+&output name='r' /
+"""
+
+
+def test_a_dam_whose_levels_change_at_once(dosui):
+    # saturated pores lose 5 kPa at once, and again and again while the body drains. Dupuit's flow
+    # is exact without suction; the capillary fringe adds at most k/alpha times the mean gradient
+    run = dosui(DAM)
+    assert run.status == 0
+    assert run.stderr == ""
+    assert run.history("r", "step")[-1] < 120
+    time = run.history("r", "time")
+    exact = 1e-4 * (0.9**2 - 0.2**2) / 2
+    fringe = 1e-4 / 20 * 0.7
+    for side, sign in (("left", 1), ("right", -1)):
+        volume = sign * run.history("r", f"inflow_{side}")
+        flow = (volume[-1] - volume[-5]) / (time[-1] - time[-5])
+        assert exact < flow < exact + fringe
+    assert abs(run.history("r", "water_balance_error")[-1]) < 0.01
+
+
+def test_an_embankment_on_soil_without_strength(dosui):
+    # clay whose stresses begin at zero fails below the foot of the first lift
+    run = dosui(
+        """&scene dimension=2 integrator='quasi_static' gravity=0,-9.81 /
+&grid spacing=2.0 /
+&time end_time=6.3e7 geostatic_start=.true. /
+&material name='clay' model='cam_clay' poisson_ratio=0.3 critical_state_ratio=1.0
+  compression_index=0.25 swelling_index=0.05 over_consolidation_ratio=1.5 least_pressure=3000
+  porosity=0.6 hydraulic_conductivity=1e-9 /
+&region name='clay' material='clay' box_min=0,0 box_max=40,10 /
+&initial_state pore_pressure='hydrostatic' water_level=10.0 effective_stress='geostatic'
+  surface_level=10.0 lateral_ratio=0.6 /
+&surface name='axis' region='clay' face='x-' /
+&surface name='far' region='clay' face='x+' /
+&surface name='base' region='clay' face='z-' /
+&surface name='top' region='clay' face='z+' /
+&mechanical_condition surface='axis' kind='roller' /
+&mechanical_condition surface='far' kind='roller' /
+&mechanical_condition surface='base' kind='fixed' /
+&mechanical_condition surface='top' kind='pressure' value=60e3
+  formula='min(1, max(0, (16 - x)/6))' factor_times=0,3.9e6 factor_values=0,1 /
+&hydraulic_condition surface='top' kind='head' value=10.0 /
+&output name='r' /
+"""
+    )
+    assert run.status == 1
+    message = run.stderr.strip().splitlines()[-1]
+    for words in ("no progress", "in 'clay'", "surface 'top'", "the soil is at failure"):
+        assert words in message
+    assert "times what the soil bears" in message
+    assert run.history("r", "step")[-1] < 100
+    assert np.isfinite(run.fields("r")["displacement"]).all()
+
+
+WET = """&scene dimension=2 integrator='explicit' gravity=0,-9.81 /
+&grid spacing=0.1 /
+&time end_time=1e6 /
+&material name='s' rigid=.true. porosity=0.3 hydraulic_conductivity=1e-4
+  retention='van_genuchten' retention_alpha=2.0 retention_exponent=1.5 /
+&region name='r' material='s' box_min=0,0 box_max=0.2,1 /
+&initial_state pore_pressure='hydrostatic' water_level=-1.0 /
+&surface name='top' region='r' face='z+' /
+&hydraulic_condition surface='top' kind='head' value=1.05 /
+&output name='r' /
+"""
+
+
+def test_explicit_steps_collapse_where_pores_fill(dosui):
+    # k n/(K_w gamma_w) instead of the capacity of suction: the step falls by 2e4
+    run = dosui(WET)
+    assert run.status == 1
+    message = run.stderr.strip().splitlines()[-1]
+    assert "no progress" in message
+    assert "water diffusion" in message
+    assert "pores have filled" in message
+    place = re.search(r"particle \d+ stores the least water .* at \((.*), (.*)\) m of 's'", message)
+    assert float(place.group(2)) > 0.8  # below the wet surface
+    assert np.isfinite(run.fields("r")["pore_pressure"]).all()
+
+
+def test_explicit_steps_collapse_where_bodies_fly_off(dosui):
+    # nothing holds a very soft body that falls for months
+    run = dosui(
+        """&scene dimension=2 integrator='explicit' deformation='updated' water='none'
+  gravity=0,-9.81 /
+&grid spacing=0.5 /
+&time end_time=1e7 /
+&material name='s' young_modulus=10 poisson_ratio=0.2 porosity=0.3 /
+&region name='r' material='s' box_min=0,0 box_max=1,1 /
+&output name='r' /
+"""
+    )
+    assert run.status == 1
+    message = run.stderr.strip().splitlines()[-1]
+    assert "no progress" in message
+    speed, time = re.search(r"is the fastest \((\S+) m/s\) .*t = (\S+) s", message).groups()
+    assert abs(float(speed) / (9.81 * float(time)) - 1) < 0.01
+
+
+def test_collapse_on_two_ranks(dosui):
+    # no rank is left behind, and the particle is found wherever it is
+    runs = dosui(WET), dosui(WET, ranks=2)
+    alone, both = (re.findall("error: the steps end .* s: no progress", run.stderr) for run in runs)
+    assert runs[1].status == 1
+    assert len(alone) == 1
+    assert both == alone
+
+
 def test_a_bad_water_balance_is_said(dosui):
     # a contact of 1 : 1000 ends on the faces of a tilted body whose heads are exact: no net inflow
     head = "min(0.84*z - 0.54*x, 0) + 0.001*max(0.84*z - 0.54*x, 0)"

@@ -125,8 +125,10 @@ module dosui_scene
   end type water_t
 
   type, public :: mechanics_t
-    character(len=name_length) :: transfer = 'apic'  !! 'flip', 'apic', 'pic' or 'blend'
+    character(len=name_length) :: transfer = 'auto'
+    !! 'flip', 'apic', 'pic', 'blend', 'aflip' or 'auto': see `transfer_in_force`
     real(wp) :: flip_fraction = 0.99_wp              !! for 'blend': rest is PIC [-]
+    real(wp) :: filter_time = 0.0_wp   !! for 'aflip'; 0: from materials and grid [s]
     logical :: average_volume_change = .true.
     !! cell average of volume change (B-bar) for skeleton and water
     character(len=name_length) :: coupling_gradient = 'auto'
@@ -340,6 +342,7 @@ module dosui_scene
   contains
     procedure :: head_at_origin => scene_head_at_origin
     procedure :: shape_function_in_force => scene_shape_function_in_force
+    procedure :: transfer_in_force => scene_transfer_in_force
     procedure :: mixture_density => scene_mixture_density
     procedure :: water_modulus => scene_water_modulus
   end type scene_t
@@ -375,6 +378,16 @@ contains
     name = self%shape_function
     if (name == 'auto') name = merge('gimp  ', 'linear', self%deformation == 'updated')
   end function scene_shape_function_in_force
+
+  pure function scene_transfer_in_force(self) result(name)
+    !! The transfer, 'auto' resolved: bodies that move through the grid need one whose losses do not
+    !! grow with the number of steps.
+    class(scene_t), intent(in) :: self
+    character(len=name_length) :: name   !! 'flip', 'apic', 'pic', 'blend' or 'aflip'
+
+    name = self%mechanics%transfer
+    if (name == 'auto') name = merge('aflip', 'apic ', self%deformation == 'updated')
+  end function scene_transfer_in_force
 
   pure real(wp) function scene_head_at_origin(self) result(head)
     !! Head of water without pressure at the local origin: what heads of the model lack [m].

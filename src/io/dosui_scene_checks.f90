@@ -16,6 +16,7 @@ module dosui_scene_checks
   public :: check_scene, check_body_faces, check_choice
 
   real(wp), parameter :: unit_tolerance = 1.0e-3_wp   !! of the length of a unit vector [-]
+  real(wp), parameter :: most_courant = 0.7_wp        !! of explicit steps of moving particles [-]
 
   type, public :: checker_t
     !! Finds the line of what a check complains about.
@@ -51,6 +52,7 @@ contains
     call check_conditions(checker, scene)
     call check_water(checker, scene)
     call check_integrator(checker, scene)
+    call check_transfer(checker, scene)
     call check_sources(checker, scene)
     call check_suction(checker, scene)
     call check_barriers(checker, scene)
@@ -937,6 +939,7 @@ contains
       call checker%complain('time', 1, 'undrained_start', 'does not go with geostatic_start')
     end if
     if (scene%deformation == 'finite') call check_finite(checker, scene)
+    if (scene%integrator == 'explicit') call check_moving(checker, scene)
     if (scene%integrator == 'explicit' .or. scene%integrator == 'auto') return
     is_wet = scene%water_mode /= 'none'
     if (is_wet .and. scene%water%operator == 'two_pass') then
@@ -966,6 +969,28 @@ contains
       end select
     end do
   end subroutine check_integrator
+
+  subroutine check_transfer(checker, scene)
+    !! A key of a transfer that 'auto' did not choose.
+    type(checker_t), intent(inout) :: checker
+    type(scene_t), intent(in) :: scene
+
+    if (scene%mechanics%transfer == 'aflip') return
+    if (.not. scene%mechanics%filter_time > 0.0_wp) return
+    call checker%complain('mechanics', 1, 'filter_time', 'has a meaning only with transfer = '// &
+                          '''aflip'', which deformation = ''updated'' takes by default')
+  end subroutine check_transfer
+
+  subroutine check_moving(checker, scene)
+    !! What explicit steps of moving particles do not survive.
+    type(checker_t), intent(inout) :: checker
+    type(scene_t), intent(in) :: scene
+
+    if (scene%deformation /= 'updated' .or. .not. scene%time%courant > most_courant) return
+    call checker%complain('time', 1, 'courant', 'must be at most '//to_text(most_courant)// &
+                          ' in explicit steps with deformation = ''updated'': particles at free '// &
+                          'surfaces would lose their volume')
+  end subroutine check_moving
 
   subroutine check_finite(checker, scene)
     !! What finite strains need.

@@ -686,8 +686,16 @@ contains
     type(mechanics_t), intent(inout) :: mechanics
 
     call v%name(mechanics%transfer, &
-                key('transfer', 'how velocities pass between particles and grid', &
-                    choices='flip apic pic blend'))
+                key('transfer', 'how velocities pass between particles and grid; auto: aflip '// &
+                    'with deformation = ''updated'', where losses a step would shorten '// &
+                    'run-outs, else apic', choices='auto aflip apic flip pic blend'))
+    call v%real(mechanics%filter_time, &
+                key('filter_time', 'in which velocities that the grid does not see fade; 0: '// &
+                    'of each particle, 2 spacings over its speed of shear waves, at most '// &
+                    'sqrt(spacing/gravity)/3', unit='s', range='>= 0', &
+                    only='transfer = ''aflip''', &
+                    applies=mechanics%transfer == 'aflip' .or. mechanics%transfer == 'auto', &
+                    undecided=mechanics%transfer == ''))
     call v%real(mechanics%flip_fraction, &
                 key('flip_fraction', 'share of FLIP, the rest is PIC', unit='-', &
                     range='>= 0 and <= 1', only='transfer = ''blend''', &

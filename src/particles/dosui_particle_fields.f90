@@ -20,6 +20,7 @@ module dosui_particle_fields
     integer :: porosity = 0           !! [-]
     integer :: material = 0           !! index into the scene's materials
     integer :: affine = 0             !! APIC velocity gradient [1/s]
+    integer :: filter_time = 0        !! in which velocities off the grid's fade, AFLIP [s]
     integer :: pore_pressure = 0      !! compression positive [Pa]
     integer :: conductivity = 0       !! k [m/s]
     integer :: deformation = 0        !! F_ab = dx_a/dX_b at a + (b - 1) ndim, finite strains [-]
@@ -53,6 +54,7 @@ module dosui_particle_fields
     !! What a scene asks of its particles and surface points.
     logical :: coupled = .false.       !! water is computed
     logical :: affine = .false.        !! APIC transfer
+    logical :: filtered = .false.      !! AFLIP transfer
     logical :: updated = .false.       !! particles move
     logical :: finite = .false.        !! finite strains
     logical :: adaptive = .false.      !! steps are chosen by their error
@@ -86,6 +88,7 @@ contains
       handles%state = set%add('state', '', needs%n_state, yes, no, no, yes)
     end if
     if (needs%affine) handles%affine = set%add('affine', '1/s', ndim*ndim, yes, no, no, yes)
+    if (needs%filtered) handles%filter_time = set%add('filter_time', 's', 1, yes, no, no, yes)
     if (needs%updated .or. needs%finite) handles%position_at_build = &
       set%add('position_at_build', 'm', ndim, yes, yes, no, yes)
     if (needs%finite) then

@@ -74,7 +74,8 @@ contains
     call choose_integrator(scene, model%materials, model%spacing, model%choice)
     model%integrator = model%choice%name
     needs = field_needs_t(coupled=model%coupled, affine=affine, filtered=filtered, &
-                          updated=model%updated, finite=model%finite, adaptive=model%integrator == 'quasi_static', &
+                          updated=model%updated, finite=model%finite, &
+                          adaptive=model%integrator == 'quasi_static', &
                           switching=model%switching, unsaturated=model%unsaturated, &
                           finds_surface=model%finds_surface, n_state=model%materials%n_state(), &
                           n_surface=size(scene%surface), &

@@ -348,8 +348,8 @@ contains
     flip = 0.0_wp
     if (model%scene%mechanics%transfer == 'flip') flip = 1.0_wp
     if (model%scene%mechanics%transfer == 'blend') flip = model%scene%mechanics%flip_fraction
-    if (model%scene%mechanics%transfer == 'aflip' .and. .not. allocated(model%node_filter_time)) &
-      flip = exp(-model%clock%dt/model%filter_time)
+    if (model%scene%mechanics%transfer /= 'aflip') return
+    if (.not. allocated(model%node_filter_time)) flip = exp(-model%clock%dt/model%filter_time)
   end function flip_share
 
   subroutine book_wall_impulse(model, before)

@@ -988,8 +988,8 @@ contains
 
     if (scene%deformation /= 'updated' .or. .not. scene%time%courant > most_courant) return
     call checker%complain('time', 1, 'courant', 'must be at most '//to_text(most_courant)// &
-                          ' in explicit steps with deformation = ''updated'': particles at free '// &
-                          'surfaces would lose their volume')
+                          ' in explicit steps with deformation = ''updated'': particles at '// &
+                          'free surfaces would lose their volume')
   end subroutine check_moving
 
   subroutine check_finite(checker, scene)

@@ -76,6 +76,8 @@ contains
     needs = field_needs_t(coupled=model%coupled, affine=affine, filtered=filtered, &
                           updated=model%updated, finite=model%finite, &
                           adaptive=model%integrator == 'quasi_static', &
+                          projected=model%integrator == 'semi_implicit' .and. &
+                          model%reactions%n > model%reactions%n_surface, &
                           switching=model%switching, unsaturated=model%unsaturated, &
                           finds_surface=model%finds_surface, n_state=model%materials%n_state(), &
                           n_surface=size(scene%surface), &

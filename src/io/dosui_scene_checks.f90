@@ -53,6 +53,7 @@ contains
     call check_water(checker, scene)
     call check_integrator(checker, scene)
     call check_transfer(checker, scene)
+    call check_softening(checker, scene)
     call check_sources(checker, scene)
     call check_suction(checker, scene)
     call check_barriers(checker, scene)
@@ -981,6 +982,22 @@ contains
                           '''aflip'', which deformation = ''updated'' takes by default')
   end subroutine check_transfer
 
+  subroutine check_softening(checker, scene)
+    !! Soils that soften have one measure of it.
+    type(checker_t), intent(inout) :: checker
+    type(scene_t), intent(in) :: scene
+    integer :: k
+
+    do k = 1, size(scene%material)
+      associate (material => scene%material(k))
+        if (material%softening_strain > 0.0_wp .and. material%softening_displacement > 0.0_wp) then
+          call checker%complain('material', k, 'softening_strain', 'does not go with '// &
+                                'softening_displacement')
+        end if
+      end associate
+    end do
+  end subroutine check_softening
+
   subroutine check_moving(checker, scene)
     !! What explicit steps of moving particles do not survive.
     type(checker_t), intent(inout) :: checker
@@ -1060,6 +1077,10 @@ contains
         call checker%complain('probe', k, 'name', 'must not contain /')
       else if (scene%probe(k)%name == '.') then
         call checker%complain('probe', k, 'name', 'must not be . alone')
+      end if
+      if (scene%probe(k)%kind == 'run_out' .and. ndim == 1 .and. &
+          .not. norm2(scene%probe(k)%direction) > 0.0_wp) then
+        call checker%complain('probe', k, 'direction', 'is required: 1-D has no horizontal one')
       end if
     end do
   end subroutine check_output

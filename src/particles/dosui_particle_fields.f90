@@ -26,6 +26,7 @@ module dosui_particle_fields
     integer :: deformation = 0        !! F_ab = dx_a/dX_b at a + (b - 1) ndim, finite strains [-]
     integer :: reference_volume = 0   !! before any deformation, finite strains [m3]
     integer :: state = 0              !! state variables of the materials
+    integer :: unmet_volume = 0       !! volume change that no pressure has answered yet [m3]
     integer :: start_pressure = 0     !! pore pressure before any load, adaptive steps only [Pa]
     integer :: region = 0             !! index into the scene's regions, if surfaces are found
     integer :: surface = 0            !! 1 on the free surface, if it is found, else 0 [-]
@@ -58,6 +59,7 @@ module dosui_particle_fields
     logical :: updated = .false.       !! particles move
     logical :: finite = .false.        !! finite strains
     logical :: adaptive = .false.      !! steps are chosen by their error
+    logical :: projected = .false.     !! pressures by projection, then rigid walls
     logical :: switching = .false.     !! surface points may change between head and flux
     logical :: unsaturated = .false.   !! suction empties pores
     logical :: finds_surface = .false. !! free surfaces are found as bodies move
@@ -102,6 +104,7 @@ contains
     if (.not. needs%coupled) return
     handles%pore_pressure = set%add('pore_pressure', 'Pa', 1, yes, no, yes, yes)
     handles%conductivity = set%add('conductivity', 'm/s', 1, yes, yes, no, yes)
+    if (needs%projected) handles%unmet_volume = set%add('unmet_volume', 'm3', 1, yes, no, no, yes)
     if (needs%adaptive) handles%start_pressure = &
       set%add('start_pressure', 'Pa', 1, yes, no, no, yes)
   end subroutine register_particle_fields

@@ -515,7 +515,8 @@ contains
                     range='>= 0', only=planes, applies=is_planes))
     call v%real(material%softening_strain, &
                 key('softening_strain', 'plastic shear strain in place of '// &
-                    'softening_displacement; bands narrow with the grid''s spacing, and so does what softening takes', &
+                    'softening_displacement; bands narrow with the grid''s spacing, and so '// &
+                    'does what softening takes', &
                     unit='-', range='>= 0', only=planes, applies=is_planes))
     call v%real(material%residual_cohesion, &
                 key('residual_cohesion', 'c after softening', unit='Pa', range='>= 0', &

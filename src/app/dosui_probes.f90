@@ -1,4 +1,5 @@
-!! Histories that a scene asks for: values at a point, surface means, settlements, domain sums.
+!! Histories that a scene asks for: values at a point, surface means, settlements, domain sums,
+!! run-outs.
 module dosui_probes
   use dosui_kinds, only: wp, i8
   use dosui_dimension, only: ndim, axis
@@ -37,7 +38,7 @@ contains
     integer :: k, width
 
     do k = 1, size(probes)
-      if (probes(k)%kind == 'settlement') cycle
+      if (.not. has_field(probes(k))) cycle
       width = field_width(trim(probes(k)%field), fields)
       if (width == 0) then
         problems = problems//"&probe '"//trim(probes(k)%name)//"': no field '"// &
@@ -62,7 +63,7 @@ contains
     do k = 1, size(probes)
       unit = 'm'
       do j = 1, size(fields)
-        if (fields(j)%name == probes(k)%field .and. probes(k)%kind /= 'settlement') then
+        if (fields(j)%name == probes(k)%field .and. has_field(probes(k))) then
           unit = fields(j)%unit
         end if
       end do
@@ -85,6 +86,10 @@ contains
       value = mean_over_surface(model, probe)
       return
     end if
+    if (probe%kind == 'run_out') then
+      value = run_out(model, probe)
+      return
+    end if
     call field_values(model, trim(probe%field), values)
     select case (probe%kind)
     case ('point')
@@ -95,6 +100,84 @@ contains
       end associate
     end select
   end function probe_value
+
+  pure logical function has_field(probe)
+    !! Does a probe measure a field of the result file?
+    type(probe_t), intent(in) :: probe
+
+    has_field = probe%kind /= 'settlement' .and. probe%kind /= 'run_out'
+  end function has_field
+
+  real(wp) function run_out(model, probe) result(distance)
+    !! The smallest distance within which a fraction of the mass lies [m]. Particles are as wide as
+    !! a square or cube of their volume, so that the distance is continuous in their places and
+    !! masses: a block of length L has f L, not the place of some particle. Found by bisection,
+    !! which needs no order of the particles: the same on any number of ranks. Collective.
+    type(model_t), intent(in) :: model
+    type(probe_t), intent(in) :: probe
+    integer, parameter :: halvings = 60
+    real(wp), parameter :: round_off = 1.0e-12_wp   ! of the mass: gaps between bodies have no slope
+    real(wp) :: place(model%particles%count), half(model%particles%count)
+    real(wp) :: low, high, wanted
+    integer :: k, n
+
+    n = model%particles%count
+    associate (field => model%particles%field, h => model%p)
+      place = distances(probe, field(h%position)%values(:, 1:n))
+      half = 0.5_wp*field(h%volume)%values(1, 1:n)**(1.0_wp/ndim)
+      low = huge(1.0_wp)
+      high = -huge(1.0_wp)
+      if (n > 0) then
+        low = minval(place - half)
+        high = maxval(place + half)
+      end if
+      low = model%comm%minimum(low)
+      high = model%comm%maximum(high)
+      wanted = model%comm%sum(sum(field(h%mass)%values(1, 1:n)))*(probe%fraction - round_off)
+      do k = 1, halvings
+        distance = 0.5_wp*(low + high)
+        if (model%comm%sum(mass_within(n, distance, place, half, field(h%mass)%values)) >= &
+            wanted) then
+          high = distance
+        else
+          low = distance
+        end if
+      end do
+    end associate
+    distance = high
+  end function run_out
+
+  pure function distances(probe, position) result(distance)
+    !! Along the probe's direction, or horizontal ones from its position [m].
+    type(probe_t), intent(in) :: probe
+    real(wp), intent(in) :: position(:, :)
+    real(wp) :: distance(size(position, 2))
+    real(wp) :: length
+    integer :: p
+
+    length = norm2(probe%direction)
+    do p = 1, size(distance)
+      if (length > 0.0_wp) then
+        distance(p) = dot_product(position(:, p) - probe%position, probe%direction)/length
+      else
+        distance(p) = norm2(position(:ndim - 1, p) - probe%position(:ndim - 1))
+      end if
+    end do
+  end function distances
+
+  pure real(wp) function mass_within(n, distance, place, half, mass) result(within)
+    !! Kernel: mass of particles up to a distance, each spread over its width.
+    integer, intent(in) :: n
+    real(wp), intent(in) :: distance, place(n), half(n)   !! [m]
+    real(wp), intent(in) :: mass(n)                       !! [kg]
+    integer :: p
+
+    within = 0.0_wp
+    do p = 1, n
+      within = within + mass(p)*min(1.0_wp, max(0.0_wp, 0.5_wp + &
+                                                0.5_wp*(distance - place(p))/half(p)))
+    end do
+  end function mass_within
 
   subroutine find_points(model, name, points)
     !! This rank's points of a named surface.

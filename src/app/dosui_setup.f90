@@ -21,12 +21,14 @@ module dosui_setup
   use dosui_surface_report, only: describe_surfaces
   use dosui_text, only: to_text
   use dosui_topology, only: build_geometry, distribute, join_parts
+  use dosui_transfer_filter, only: set_filter_times
   implicit none
   private
 
   public :: setup_model, seed_model, finish_setup, describe_model
 
   real(wp), parameter :: many_steps = 1.0e8_wp   !! of an explicit run: a warning
+  real(wp), parameter :: lossy_steps = 1000.0_wp   !! with a transfer that damps in each: likewise
 
 contains
 
@@ -36,7 +38,7 @@ contains
     type(communicator_t), intent(in) :: comm
     type(scene_t), intent(in) :: scene
     integer :: k, n
-    logical :: affine
+    logical :: affine, filtered
     type(error_t) :: err
     type(field_needs_t) :: needs
 
@@ -62,7 +64,8 @@ contains
     if (model%coupled .and. allocated(scene%barrier)) then
       if (size(scene%barrier) > 0) model%barrier = barrier_faces(scene%barrier, model%spacing)
     end if
-    affine = scene%mechanics%transfer == 'apic' .and. .not. model%rigid
+    filtered = scene%mechanics%transfer == 'aflip' .and. .not. model%rigid
+    affine = filtered .or. (scene%mechanics%transfer == 'apic' .and. .not. model%rigid)
     call model%materials%init(scene%material, err)
     call model%sources%init(scene%source, scene%local_origin)
     if (.not. model%rigid) call prepare_reactions(model)
@@ -70,8 +73,11 @@ contains
                       (model%materials%is_nonlinear() .and. .not. model%rigid)
     call choose_integrator(scene, model%materials, model%spacing, model%choice)
     model%integrator = model%choice%name
-    needs = field_needs_t(coupled=model%coupled, affine=affine, updated=model%updated, &
-                          finite=model%finite, adaptive=model%integrator == 'quasi_static', &
+    needs = field_needs_t(coupled=model%coupled, affine=affine, filtered=filtered, &
+                          updated=model%updated, finite=model%finite, &
+                          adaptive=model%integrator == 'quasi_static', &
+                          projected=model%integrator == 'semi_implicit' .and. &
+                          model%reactions%n > model%reactions%n_surface, &
                           switching=model%switching, unsaturated=model%unsaturated, &
                           finds_surface=model%finds_surface, n_state=model%materials%n_state(), &
                           n_surface=size(scene%surface), &
@@ -223,6 +229,7 @@ contains
     movement = model%movement   ! of a restart: its geometry is that of the last build
     call build_geometry(model, err)
     if (model%integrator /= 'explicit' .and. .not. err%failed()) call join_parts(model, err)
+    if (model%clock%step == 0 .and. .not. err%failed()) call set_filter_times(model)
     model%movement = movement
     if (model%integrator /= 'explicit' .and. .not. err%failed()) call check_walls(model, err)
     call model%comm%agree(err)
@@ -354,6 +361,7 @@ contains
       call model%log%warning('the run takes about '//to_text(model%choice%explicit_steps, 2)// &
                              ' explicit steps; '//model%choice%describe_others())
     end if
+    call warn_of_lossy_transfer(model)
     if (smallest == 0 .and. model%comm%size > 1) then
       call model%log%warning('some ranks hold no particle: fewer ranks would do')
     end if
@@ -375,6 +383,25 @@ contains
                              ' not at all')
     end if
   end subroutine describe_model
+
+  subroutine warn_of_lossy_transfer(model)
+    !! Transfers that take something from moving bodies every step, whatever its length.
+    type(model_t), intent(inout) :: model
+    real(wp) :: steps
+
+    if (.not. model%updated .or. model%rigid) return
+    steps = merge(model%choice%semi_implicit_steps, model%choice%explicit_steps, &
+                  model%integrator == 'semi_implicit')
+    if (.not. steps > lossy_steps) return
+    select case (model%scene%mechanics%transfer)
+    case ('apic', 'pic', 'blend')
+      call model%log%warning('&mechanics transfer = '''// &
+                             trim(model%scene%mechanics%transfer)//''' damps with every step, '// &
+                             'and there are about '//to_text(steps, 2)//': run-outs depend on '// &
+                             'the step; aflip damps with time')
+    case default
+    end select
+  end subroutine warn_of_lossy_transfer
 
   subroutine describe_bodies(model)
     !! Bodies of files and their faces, so that surfaces can name them.

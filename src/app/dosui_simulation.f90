@@ -31,6 +31,7 @@ module dosui_simulation
   use dosui_text, only: to_text
   use dosui_topology, only: build_geometry, distribute, needs_rebuild, refresh_storage, &
                             refresh_weights
+  use dosui_transfer_filter, only: set_filter_times
   use dosui_water_balance, only: balance_error, balance_noise, balance_sums
   implicit none
   private
@@ -189,6 +190,7 @@ contains
       end if
       if (.not. err%failed()) call check_state(model, err)
       if (err%failed()) return
+      call set_filter_times(model)   ! of the stresses that starts have found
       if (model%integrator /= 'quasi_static' .and. .not. model%rigid) call start_forces(model)
       call files%sample(model)
       call write_output(model, files, err)

@@ -186,6 +186,10 @@ contains
                               trim(probe%surface)//"'")
         case ('domain_sum')
           call model%log%info(name//'integral of '//trim(probe%field))
+        case ('run_out')
+          call model%log%info(name//'run-out of '//to_text(100.0_wp*probe%fraction)// &
+                              ' % of the mass from '//vector_text(probe%position + &
+                                                                  model%scene%local_origin))
         case default
           call model%log%info(name//trim(probe%field)//' at '//vector_text(probe%position + &
                                                                           model%scene%local_origin))

@@ -269,7 +269,8 @@ contains
     logical, intent(in), optional :: at_start          !! particles have not moved yet
     real(wp), dimension(ndim) :: undamped, force, inertia, rest, more
     integer :: holder(ndim, model%grid%n_node)
-    real(wp) :: inverse, carried   ! mass in the particles' momentum [kg]
+    real(wp) :: inverse, share
+    real(wp) :: carried   ! mass in the particles' momentum [kg]
     integer :: a, i
     logical :: is_held
 
@@ -288,7 +289,9 @@ contains
         if (allocated(reactions%by_walls)) more = more + reactions%by_walls(:, i)
         inverse = 0.0_wp
         if (model%nodal(1, i) > tiny(1.0_wp)*1.0e20_wp) inverse = 1.0_wp/model%nodal(1, i)
-        inertia = (model%velocity(:, i) - flip*model%velocity_old(:, i) - (1.0_wp - flip)* &
+        share = flip
+        if (allocated(model%node_share)) share = model%node_share(i)
+        inertia = (model%velocity(:, i) - share*model%velocity_old(:, i) - (1.0_wp - share)* &
                    model%nodal(2:1 + ndim, i)*inverse)/dt
         carried = model%nodal(1, i)
         if (present(at_start)) carried = 0.0_wp

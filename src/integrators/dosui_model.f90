@@ -95,6 +95,9 @@ module dosui_model
     real(wp), allocatable :: nodal(:, :)      !! (1 + 2 ndim, n_node) mass, momentum, force
     real(wp), allocatable :: velocity_old(:, :)   !! (ndim, n_node) before the step [m/s]
     real(wp), allocatable :: velocity(:, :)       !! (ndim, n_node) after the step [m/s]
+    real(wp) :: filter_time = 0.0_wp   !! of AFLIP, if it is the same everywhere [s]
+    real(wp), allocatable :: node_filter_time(:)  !! of nodes, if it is not [s]
+    real(wp), allocatable :: node_share(:)        !! of AFLIP in the step, likewise [-]
     type(nodal_conditions_t) :: nodal_conditions
     type(surface_forces_t) :: surface_forces
     type(cell_average_t) :: average

@@ -60,7 +60,7 @@ contains
     type(error_t), intent(inout) :: err
     type(error_t) :: failure
     type(balance_t) :: start
-    real(wp), allocatable :: before(:), pressure(:), rate(:), inflow(:)
+    real(wp), allocatable :: before(:), pressure(:), expected(:), rate(:), inflow(:)
     type(seepage_t) :: seepage
     logical, allocatable :: by_walls(:, :)
     logical :: changed
@@ -84,7 +84,7 @@ contains
       if (model%comm%any(model%fault%failed())) call check_state(model, err)
       if (err%failed()) return
       if (allocated(by_walls)) call note_contacts(self, model, by_walls)
-      call find_pressure(self, model, pressure, failure)
+      call find_pressure(self, model, pressure, expected, failure)
       if (.not. failure%failed()) exit
       self%n_failed = self%n_failed + 1
       if (k == attempts) then
@@ -102,6 +102,7 @@ contains
       values(1, 1:n) = before + pressure
     end associate
     call update_particles(model, err)
+    if (model%p%unmet_volume > 0) call note_unmet(model, expected)
     if (model%reactions%is_wanted) call report_forces(self, model, pressure)
     allocate (rate(n), source=0.0_wp)   ! the balance needs the flow with the new pressures
     allocate (inflow(size(model%balance%inflow)))
@@ -159,11 +160,23 @@ contains
     self%by_walls = by_walls
   end subroutine note_contacts
 
-  subroutine find_pressure(self, model, pressure, err)
+  subroutine note_unmet(model, expected)
+    !! Volume changes that the pressures of this step did not know: of nodes that walls have stopped
+    !! or braked after the projection. The next step's pressures answer them.
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: expected(:)   !! volume changes of the projection [m3]
+
+    associate (unmet => model%particles%field(model%p%unmet_volume)%values, n => size(expected))
+      unmet(1, 1:n) = model%weight(1:n)*model%volume_strain(1:n) - expected
+    end associate
+  end subroutine note_unmet
+
+  subroutine find_pressure(self, model, pressure, expected, err)
     !! Changes of the pressures, and the nodal velocities with them.
     class(semi_implicit_t), intent(inout) :: self
     type(model_t), intent(inout) :: model
     real(wp), allocatable, intent(out) :: pressure(:)   !! of the particles [Pa]
+    real(wp), allocatable, intent(out) :: expected(:)   !! their volume changes [m3]
     type(error_t), intent(inout) :: err
     real(wp), allocatable :: motion(:, :), none(:, :), supply(:), squeezed(:)
     integer :: n
@@ -176,6 +189,9 @@ contains
     call find_supply(model, supply)
     call self%system%volume_change(model%clock%dt*model%velocity, squeezed)
     supply = supply - squeezed
+    if (model%p%unmet_volume > 0) then
+      supply = supply - model%particles%field(model%p%unmet_volume)%values(1, 1:n)
+    end if
     call model%timers%start(model%phase%solver)
     call self%system%solve(model, model%clock%dt, none, model%clock%time, none, .false., supply, &
                            merge(direct_tolerance, self%system%tolerance, &
@@ -183,6 +199,9 @@ contains
                            without_loads=.true.)
     call model%timers%stop(model%phase%solver)
     if (err%failed()) return
+    allocate (expected(n), source=0.0_wp)
+    call self%system%volume_change(motion, expected)
+    expected = expected + squeezed
     model%velocity = model%velocity + motion/model%clock%dt
     if (allocated(model%scene%rigid_wall)) call meet_again(self, model, pressure)
   end subroutine find_pressure

@@ -341,12 +341,15 @@ contains
   end subroutine start_forces
 
   pure real(wp) function flip_share(model) result(flip)
-    !! Share of the nodes' increments in the particles' new velocities [-].
+    !! Share of the nodes' increments in the particles' new velocities, where it is the same for all
+    !! nodes [-].
     type(model_t), intent(in) :: model
 
     flip = 0.0_wp
     if (model%scene%mechanics%transfer == 'flip') flip = 1.0_wp
     if (model%scene%mechanics%transfer == 'blend') flip = model%scene%mechanics%flip_fraction
+    if (model%scene%mechanics%transfer /= 'aflip') return
+    if (.not. allocated(model%node_filter_time)) flip = exp(-model%clock%dt/model%filter_time)
   end function flip_share
 
   subroutine book_wall_impulse(model, before)
@@ -478,13 +481,17 @@ contains
 
     moves = model%updated .and. .not. model%relaxing
     flip = flip_share(model)
+    if (allocated(model%node_filter_time)) then
+      model%node_share = exp(-model%clock%dt/model%node_filter_time)
+    end if
     associate (field => model%particles%field, h => model%p, n => model%particles%count)
-      if (h%affine > 0) then
+      if (h%affine > 0) then   ! an absent node_share is no share
         call grid_to_particles(model%grid, n, model%patch, model%clock%dt, flip, &
                                model%velocity_old, model%velocity, moves, &
                                field(h%position)%values, field(h%velocity)%values, &
                                field(h%displacement)%values, model%strain_increment, &
-                               affine=field(h%affine)%values, spin=model%spin)
+                               affine=field(h%affine)%values, spin=model%spin, &
+                               share=model%node_share)
       else
         call grid_to_particles(model%grid, n, model%patch, model%clock%dt, flip, &
                                model%velocity_old, model%velocity, moves, &

@@ -22,6 +22,7 @@ module dosui_topology
   use dosui_surface_renewal, only: renew_surface
   use dosui_surface_sets, only: index_of, set_holds, set_width, sets_meet, wall_set
   use dosui_text, only: to_text
+  use dosui_transfer_filter, only: spread_filter_times
   use dosui_water_step, only: set_surface_data
   implicit none
   private
@@ -333,6 +334,7 @@ contains
       model%surface%field(model%s%area)%values = area
       model%surface%field(model%s%normal)%values = normal
     end if
+    call spread_filter_times(model)
     if (model%coupled) call build_water(model, handle)
     model%rebuilds = model%rebuilds + 1
     model%movement = 0.0_wp

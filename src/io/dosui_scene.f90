@@ -78,6 +78,8 @@ module dosui_scene
     real(wp) :: dilation_angle = 0.0_wp              !! psi [deg]
     real(wp) :: tensile_strength = huge(1.0_wp)      !! cut-off of tension [Pa]
     real(wp) :: softening_strain = 0.0_wp            !! plastic shear strain; 0: no softening [-]
+    real(wp) :: softening_displacement = 0.0_wp      !! across a shear band, in its place [m]
+    real(wp) :: band_width = 1.0_wp   !! of shear bands, the grid's spacing: not a key [m]
     real(wp) :: residual_cohesion = 0.0_wp           !! after softening [Pa]
     real(wp) :: residual_friction_angle = 0.0_wp     !! likewise [deg]
     character(len=name_length) :: cone = 'compression'
@@ -109,6 +111,9 @@ module dosui_scene
     real(wp) :: retention_exponent = 2.0_wp          !! n of van Genuchten [-]
     real(wp) :: residual_saturation = 0.0_wp         !! of the driest soil [-]
     real(wp) :: least_conductivity = 1.0e-6_wp       !! over that of the saturated soil [-]
+  contains
+    procedure :: softens => material_softens
+    procedure :: softening_in_force => material_softening_in_force
   end type material_t
 
   type, public :: water_t
@@ -125,8 +130,10 @@ module dosui_scene
   end type water_t
 
   type, public :: mechanics_t
-    character(len=name_length) :: transfer = 'apic'  !! 'flip', 'apic', 'pic' or 'blend'
+    character(len=name_length) :: transfer = 'auto'
+    !! 'flip', 'apic', 'pic', 'blend', 'aflip' or 'auto': see `transfer_in_force`
     real(wp) :: flip_fraction = 0.99_wp              !! for 'blend': rest is PIC [-]
+    real(wp) :: filter_time = 0.0_wp   !! for 'aflip'; 0: from materials and grid [s]
     logical :: average_volume_change = .true.
     !! cell average of volume change (B-bar) for skeleton and water
     character(len=name_length) :: coupling_gradient = 'auto'
@@ -248,11 +255,13 @@ module dosui_scene
   type, public :: probe_t
     character(len=name_length) :: name = ''
     character(len=name_length) :: kind = ''
-    !! 'point', 'surface_mean', 'settlement' or 'domain_sum'
+    !! 'point', 'surface_mean', 'settlement', 'domain_sum' or 'run_out'
     character(len=name_length) :: field = ''   !! a field of the result file, e.g. 'pore_pressure'
     integer :: component = 1   !! of a vector or stress field, as in the result file
     character(len=name_length) :: surface = ''       !! for 'surface_mean' and 'settlement'
-    real(wp) :: position(ndim) = 0.0_wp              !! for 'point' [m]
+    real(wp) :: position(ndim) = 0.0_wp              !! for 'point' and 'run_out' [m]
+    real(wp) :: direction(ndim) = 0.0_wp   !! of a run-out; 0: any horizontal one [-]
+    real(wp) :: fraction = 0.95_wp         !! of the mass within a run-out [-]
   end type probe_t
 
   type, public :: time_t
@@ -340,6 +349,7 @@ module dosui_scene
   contains
     procedure :: head_at_origin => scene_head_at_origin
     procedure :: shape_function_in_force => scene_shape_function_in_force
+    procedure :: transfer_in_force => scene_transfer_in_force
     procedure :: mixture_density => scene_mixture_density
     procedure :: water_modulus => scene_water_modulus
   end type scene_t
@@ -376,6 +386,16 @@ contains
     if (name == 'auto') name = merge('gimp  ', 'linear', self%deformation == 'updated')
   end function scene_shape_function_in_force
 
+  pure function scene_transfer_in_force(self) result(name)
+    !! The transfer, 'auto' resolved: bodies that move through the grid need one whose losses do not
+    !! grow with the number of steps.
+    class(scene_t), intent(in) :: self
+    character(len=name_length) :: name   !! 'flip', 'apic', 'pic', 'blend' or 'aflip'
+
+    name = self%mechanics%transfer
+    if (name == 'auto') name = merge('aflip', 'apic ', self%deformation == 'updated')
+  end function scene_transfer_in_force
+
   pure real(wp) function scene_head_at_origin(self) result(head)
     !! Head of water without pressure at the local origin: what heads of the model lack [m].
     class(scene_t), intent(in) :: self
@@ -403,6 +423,23 @@ contains
     if (self%water_mode == 'none') return
     modulus = self%water%bulk_modulus/self%material(material)%porosity
   end function scene_water_modulus
+
+  pure elemental logical function material_softens(self) result(softens)
+    !! Do cohesion and friction fall with plastic strains?
+    class(material_t), intent(in) :: self
+
+    softens = self%softening_strain > 0.0_wp .or. self%softening_displacement > 0.0_wp
+  end function material_softens
+
+  pure elemental real(wp) function material_softening_in_force(self) result(strain)
+    !! Plastic shear strain that softens fully: bands of shear are about one spacing of the grid
+    !! wide, whatever that is, so a displacement across them is a property of the soil where a
+    !! strain is one of the grid [-].
+    class(material_t), intent(in) :: self
+
+    strain = self%softening_strain
+    if (self%softening_displacement > 0.0_wp) strain = self%softening_displacement/self%band_width
+  end function material_softening_in_force
 
   pure elemental logical function rigid_wall_is_rough(self) result(is_rough)
     !! Does what touches the wall stick to it?

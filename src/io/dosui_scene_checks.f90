@@ -16,6 +16,7 @@ module dosui_scene_checks
   public :: check_scene, check_body_faces, check_choice
 
   real(wp), parameter :: unit_tolerance = 1.0e-3_wp   !! of the length of a unit vector [-]
+  real(wp), parameter :: most_courant = 0.7_wp        !! of explicit steps of moving particles [-]
 
   type, public :: checker_t
     !! Finds the line of what a check complains about.
@@ -51,6 +52,8 @@ contains
     call check_conditions(checker, scene)
     call check_water(checker, scene)
     call check_integrator(checker, scene)
+    call check_transfer(checker, scene)
+    call check_softening(checker, scene)
     call check_sources(checker, scene)
     call check_suction(checker, scene)
     call check_barriers(checker, scene)
@@ -937,6 +940,7 @@ contains
       call checker%complain('time', 1, 'undrained_start', 'does not go with geostatic_start')
     end if
     if (scene%deformation == 'finite') call check_finite(checker, scene)
+    if (scene%integrator == 'explicit') call check_moving(checker, scene)
     if (scene%integrator == 'explicit' .or. scene%integrator == 'auto') return
     is_wet = scene%water_mode /= 'none'
     if (is_wet .and. scene%water%operator == 'two_pass') then
@@ -966,6 +970,44 @@ contains
       end select
     end do
   end subroutine check_integrator
+
+  subroutine check_transfer(checker, scene)
+    !! A key of a transfer that 'auto' did not choose.
+    type(checker_t), intent(inout) :: checker
+    type(scene_t), intent(in) :: scene
+
+    if (scene%mechanics%transfer == 'aflip') return
+    if (.not. scene%mechanics%filter_time > 0.0_wp) return
+    call checker%complain('mechanics', 1, 'filter_time', 'has a meaning only with transfer = '// &
+                          '''aflip'', which deformation = ''updated'' takes by default')
+  end subroutine check_transfer
+
+  subroutine check_softening(checker, scene)
+    !! Soils that soften have one measure of it.
+    type(checker_t), intent(inout) :: checker
+    type(scene_t), intent(in) :: scene
+    integer :: k
+
+    do k = 1, size(scene%material)
+      associate (material => scene%material(k))
+        if (material%softening_strain > 0.0_wp .and. material%softening_displacement > 0.0_wp) then
+          call checker%complain('material', k, 'softening_strain', 'does not go with '// &
+                                'softening_displacement')
+        end if
+      end associate
+    end do
+  end subroutine check_softening
+
+  subroutine check_moving(checker, scene)
+    !! What explicit steps of moving particles do not survive.
+    type(checker_t), intent(inout) :: checker
+    type(scene_t), intent(in) :: scene
+
+    if (scene%deformation /= 'updated' .or. .not. scene%time%courant > most_courant) return
+    call checker%complain('time', 1, 'courant', 'must be at most '//to_text(most_courant)// &
+                          ' in explicit steps with deformation = ''updated'': particles at '// &
+                          'free surfaces would lose their volume')
+  end subroutine check_moving
 
   subroutine check_finite(checker, scene)
     !! What finite strains need.
@@ -1035,6 +1077,10 @@ contains
         call checker%complain('probe', k, 'name', 'must not contain /')
       else if (scene%probe(k)%name == '.') then
         call checker%complain('probe', k, 'name', 'must not be . alone')
+      end if
+      if (scene%probe(k)%kind == 'run_out' .and. ndim == 1 .and. &
+          .not. norm2(scene%probe(k)%direction) > 0.0_wp) then
+        call checker%complain('probe', k, 'direction', 'is required: 1-D has no horizontal one')
       end if
     end do
   end subroutine check_output

@@ -508,18 +508,25 @@ contains
                 key('tensile_strength', 'largest principal (mohr_coulomb) or mean '// &
                     '(drucker_prager) tension', unit='Pa', range='>= 0', only=both, &
                     applies=applies, fallback=or_unlimited))
-    call v%real(material%softening_strain, &
-                key('softening_strain', 'plastic shear strain over which cohesion and '// &
-                    'friction fall to their residual values; 0: they do not', unit='-', &
+    call v%real(material%softening_displacement, &
+                key('softening_displacement', 'displacement across a shear band over which '// &
+                    'cohesion and friction fall to their residual values: a plastic shear '// &
+                    'strain of this over the grid''s spacing; 0: they do not', unit='m', &
                     range='>= 0', only=planes, applies=is_planes))
+    call v%real(material%softening_strain, &
+                key('softening_strain', 'plastic shear strain in place of '// &
+                    'softening_displacement; bands narrow with the grid''s spacing, and so '// &
+                    'does what softening takes', &
+                    unit='-', range='>= 0', only=planes, applies=is_planes))
     call v%real(material%residual_cohesion, &
                 key('residual_cohesion', 'c after softening', unit='Pa', range='>= 0', &
-                    only='softening_strain > 0', &
-                    applies=is_planes .and. material%softening_strain > 0.0_wp))
+                    only='softening_displacement or softening_strain > 0', &
+                    applies=is_planes .and. material%softens()))
     call v%real(material%residual_friction_angle, &
                 key('residual_friction_angle', 'phi after softening', unit='deg', &
-                    range='>= 0 and < 90', only='softening_strain > 0', &
-                    applies=is_planes .and. material%softening_strain > 0.0_wp))
+                    range='>= 0 and < 90', &
+                    only='softening_displacement or softening_strain > 0', &
+                    applies=is_planes .and. material%softens()))
     call v%name(material%cone, &
                 key('cone', 'where the cone meets Mohr-Coulomb''s planes', &
                     choices='compression extension plane_strain', &
@@ -686,8 +693,16 @@ contains
     type(mechanics_t), intent(inout) :: mechanics
 
     call v%name(mechanics%transfer, &
-                key('transfer', 'how velocities pass between particles and grid', &
-                    choices='flip apic pic blend'))
+                key('transfer', 'how velocities pass between particles and grid; auto: aflip '// &
+                    'with deformation = ''updated'', where losses a step would shorten '// &
+                    'run-outs, else apic', choices='auto aflip apic flip pic blend'))
+    call v%real(mechanics%filter_time, &
+                key('filter_time', 'in which velocities that the grid does not see fade; 0: '// &
+                    'of each particle, 2 spacings over its speed of shear waves, at most '// &
+                    'sqrt(spacing/gravity)/3', unit='s', range='>= 0', &
+                    only='transfer = ''aflip''', &
+                    applies=mechanics%transfer == 'aflip' .or. mechanics%transfer == 'auto', &
+                    undecided=mechanics%transfer == ''))
     call v%real(mechanics%flip_fraction, &
                 key('flip_fraction', 'share of FLIP, the rest is PIC', unit='-', &
                     range='>= 0 and <= 1', only='transfer = ''blend''', &
@@ -1064,26 +1079,40 @@ contains
     call v%name(probe%kind, &
                 key('kind', 'value at a point, mean over a surface (integral over area, at the '// &
                     'surface itself), mean downward displacement '// &
-                    'of a surface, or volume integral', required=.true., &
-                    choices='point surface_mean settlement domain_sum'))
-    is_field = probe%kind /= 'settlement'
-    is_surface = probe%kind /= 'point' .and. probe%kind /= 'domain_sum'
+                    'of a surface, volume integral, or the distance within which a fraction '// &
+                    'of the mass lies', required=.true., &
+                    choices='point surface_mean settlement domain_sum run_out'))
+    is_field = probe%kind /= 'settlement' .and. probe%kind /= 'run_out'
+    is_surface = probe%kind == 'surface_mean' .or. probe%kind == 'settlement'
     call v%name(probe%field, &
                 key('field', 'a field of the result file, e.g. pore_pressure', &
-                    only='a kind other than ''settlement''', applies=is_field, required=.true., &
+                    only='a kind other than ''settlement'' and ''run_out''', &
+                    applies=is_field, required=.true., &
                     undecided=probe%kind == ''))
     call v%integer(probe%component, &
                    key('component', 'of a vector or stress field, as in the result file', &
-                       range='>= 1 and <= 6', only='a kind other than ''settlement''', &
+                       range='>= 1 and <= 6', &
+                       only='a kind other than ''settlement'' and ''run_out''', &
                        applies=is_field))
     call v%name(probe%surface, &
                 key('surface', 'name of a &surface', &
                     only='kind = ''surface_mean'' or ''settlement''', &
                     applies=is_surface, required=.true., undecided=probe%kind == ''))
     call v%vector(probe%position, &
-                  key('position', 'where', unit='m', only='kind = ''point''', &
-                      applies=probe%kind == 'point', required=.true., &
+                  key('position', 'where, or where distances of a run-out count from', &
+                      unit='m', only='kind = ''point'' or ''run_out''', &
+                      applies=probe%kind == 'point' .or. probe%kind == 'run_out', &
+                      required=.true., undecided=probe%kind == ''))
+    call v%vector(probe%direction, &
+                  key('direction', 'of a run-out, of any length; 0: the horizontal distance '// &
+                      'from the vertical through the position', unit='-', &
+                      only='kind = ''run_out''', applies=probe%kind == 'run_out', &
                       undecided=probe%kind == ''))
+    call v%real(probe%fraction, &
+                key('fraction', 'of the mass that lies within the run-out; single foremost '// &
+                    'particles depend on chance: 0.95 and 0.99 do not', unit='-', &
+                    range='> 0 and <= 1', only='kind = ''run_out''', &
+                    applies=probe%kind == 'run_out', undecided=probe%kind == ''))
   end subroutine visit_probe
 
   subroutine visit_solver(v, solver)

@@ -415,6 +415,8 @@ contains
     if (.not. allocated(scene%output%directory)) scene%output%directory = '.'
     if (present(directory)) scene%output%directory = directory
     scene%shape_function = scene%shape_function_in_force()
+    scene%mechanics%transfer = scene%transfer_in_force()
+    scene%material%band_width = scene%grid_spacing
     call check_scene(scene, namelist, problems)
     call write_echo(scene, scene%echo)
   end subroutine parse_groups

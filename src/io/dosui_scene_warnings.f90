@@ -86,6 +86,13 @@ contains
         if (is_wet) call warn_outside('material', k, 'hydraulic_conductivity', &
                                       material%hydraulic_conductivity, 0.0_wp, most_conductivity, &
                                       'm/s')
+        if (material%softening_strain > 0.0_wp) then
+          call checker%complain('material', k, 'softening_strain', 'makes results depend on '// &
+                                'the grid, as bands of shear are one or two spacings wide: '// &
+                                'softening_displacement = '// &
+                                to_text(material%softening_strain*scene%grid_spacing, 4)// &
+                                ' [m] is the same on this grid and does not')
+        end if
         call warn_of_radians(checker, k, 'friction_angle', material%friction_angle)
         call warn_of_radians(checker, k, 'dilation_angle', material%dilation_angle)
         call warn_of_radians(checker, k, 'residual_friction_angle', &

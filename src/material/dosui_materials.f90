@@ -157,7 +157,7 @@ contains
     soil%friction = degree*material%friction_angle
     soil%dilation = degree*material%dilation_angle
     soil%tensile_strength = material%tensile_strength
-    soil%softening_strain = material%softening_strain
+    soil%softening_strain = material%softening_in_force()
     soil%residual_cohesion = material%residual_cohesion
     soil%residual_friction = degree*material%residual_friction_angle
     call soil%init(material%young_modulus, material%poisson_ratio)

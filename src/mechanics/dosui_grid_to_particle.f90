@@ -19,7 +19,7 @@ contains
 
   subroutine grid_to_particles(grid, n, patch, dt, flip_fraction, velocity_old, velocity_new, &
                                moves, position, velocity, displacement, strain_increment, affine, &
-                               spin)
+                               spin, share)
     !! Particles after a step: with alpha = flip_fraction (FLIP 1, PIC and APIC 0)
     !! v = alpha v + sum N_i (v_i_new - alpha v_i_old), u and x grow by dt sum N_i v_i_new,
     !! strain increment dt sym(L) and spin dt skew(L) of L = sum v_i_new (x) grad N_i.
@@ -27,6 +27,11 @@ contains
     !! The affine matrix of APIC is B D^-1 with D over all nodes of the patch (Jiang et al. 2015):
     !! D = h^2/4 I for B-splines and depends on the place for GIMP; for linear hats B D^-1 is L
     !! itself. L does not serve GIMP: a body that turns freely then gains energy.
+    !!
+    !! With alpha of AFLIP that differs from node to node, every node keeps its share of what the
+    !! particle's own affine field has beside the node's velocity:
+    !! v = sum N_i v_i_new + sum N_i alpha_i (v + C (x_i - x) - v_i_old).
+    !! Momentum is then exact, since `particles_to_grid` made sum m N_i (v + C (x_i - x)) of it.
     type(grid_t), intent(in) :: grid
     integer, intent(in) :: n
     integer, intent(in) :: patch(n)                            !! all in the grid
@@ -43,8 +48,10 @@ contains
     !! C of APIC, component (a, b) = dv_a/dx_b at a + (b - 1) ndim [1/s]
     real(wp), intent(inout), optional :: spin(nshear, n)
     !! (dv_a/dx_b - dv_b/dx_a) dt/2 for (a, b) = (x, y), (y, z), (z, x); 2-D: (z, x) [-]
+    real(wp), intent(in), optional :: share(grid%n_node)
+    !! alpha of nodes: with `affine` and flip_fraction = 0 [-]
     real(wp) :: mean(ndim, chunk), change(ndim, chunk), slope(ndim, ndim, chunk)
-    real(wp) :: moment(ndim, ndim, chunk)
+    real(wp) :: moment(ndim, ndim, chunk), kept(chunk), lever(ndim, chunk)
     integer :: first, last, m
     logical :: has_moments
 
@@ -54,7 +61,12 @@ contains
       m = last - first + 1
       call gather_chunk(grid, group_count(grid%shape_kind), m, patch(first:last), &
                         position(:, first:last), flip_fraction, velocity_old, velocity_new, &
-                        has_moments, mean, change, slope, moment)
+                        has_moments, mean, change, slope, moment, kept, lever, share)
+      if (present(share)) then
+        call keep_own_fields(m, grid%origin, grid%spacing, patch(first:last), grid%n_patch, &
+                             grid%patch_base, position(:, first:last), kept, lever, &
+                             velocity(:, first:last), affine(:, first:last), change)
+      end if
       if (has_moments) then
         call invert_moments(m, grid%origin, grid%spacing, grid%shape_kind, grid%half_domain, &
                             patch(first:last), grid%n_patch, grid%patch_base, grid%patch_fold, &
@@ -71,7 +83,8 @@ contains
   end subroutine grid_to_particles
 
   subroutine gather_chunk(grid, n_groups, m, patch, position, flip_fraction, velocity_old, &
-                          velocity_new, has_moments, mean, change, slope, moment)
+                          velocity_new, has_moments, mean, change, slope, moment, kept, lever, &
+                          share)
     !! Weights of a chunk and its interpolated values, run by run of particles in one patch.
     type(grid_t), intent(in) :: grid
     integer, intent(in) :: n_groups, m
@@ -81,6 +94,8 @@ contains
     logical, intent(in) :: has_moments
     real(wp), intent(inout) :: mean(ndim, chunk), change(ndim, chunk)
     real(wp), intent(inout) :: slope(ndim, ndim, chunk), moment(ndim, ndim, chunk)
+    real(wp), intent(inout) :: kept(chunk), lever(ndim, chunk)   !! with shares only
+    real(wp), intent(in), optional :: share(grid%n_node)
     real(wp) :: weight(n_group*n_group_wide*chunk), gradient(n_group*n_group_wide*ndim*chunk)
     real(wp) :: offset(n_group*n_group_wide*ndim)
     integer :: first, last, g, n_node
@@ -94,6 +109,10 @@ contains
     change(:, 1:m) = 0.0_wp
     slope(:, :, 1:m) = 0.0_wp
     if (has_moments) moment(:, :, 1:m) = 0.0_wp
+    if (present(share)) then
+      kept(1:m) = 0.0_wp
+      lever(:, 1:m) = 0.0_wp
+    end if
     first = 1
     do while (first <= m)
       last = first
@@ -108,6 +127,11 @@ contains
         if (has_moments) then
           call gather_moments(g, n_groups, offset, first, last, weight, n_node, &
                               grid%patch_node(1, patch(first)), grid%n_node, velocity_new, moment)
+        end if
+        if (present(share)) then
+          call gather_shares(g, n_groups, offset, first, last, weight, n_node, &
+                             grid%patch_node(1, patch(first)), grid%n_node, share, velocity_old, &
+                             kept, lever, change)
         end if
       end do
       first = last + 1
@@ -166,6 +190,59 @@ contains
       end do
     end do
   end subroutine gather_moments
+
+  pure subroutine gather_shares(g, n_groups, offset, first, last, weight, n_patch_node, &
+                                patch_node, n_node, share, velocity_old, kept, lever, change)
+    !! Kernel: adds one group's sums N_i alpha_i, N_i alpha_i (x_i - x_base)/h and
+    !! - N_i alpha_i v_i_old to particles that share a patch.
+    integer, intent(in) :: g, n_groups, first, last
+    real(wp), intent(in) :: offset(n_group, n_groups, ndim), weight(n_group, n_groups, last)
+    integer, intent(in) :: n_patch_node, patch_node(n_patch_node), n_node
+    real(wp), intent(in) :: share(n_node), velocity_old(ndim, n_node)
+    real(wp), intent(inout) :: kept(last), lever(ndim, last), change(ndim, last)
+    real(wp) :: part(n_group), old(n_group, ndim), keeps
+    integer :: a, i, node, p
+
+    part = 0.0_wp
+    old = 0.0_wp
+    do i = 1, min(n_group, n_patch_node - n_group*(g - 1))
+      node = patch_node(n_group*(g - 1) + i)
+      part(i) = share(node)
+      old(i, :) = velocity_old(:, node)
+    end do
+    do p = first, last
+      do i = 1, n_group
+        keeps = weight(i, g, p)*part(i)
+        kept(p) = kept(p) + keeps
+        do a = 1, ndim
+          lever(a, p) = lever(a, p) + keeps*offset(i, g, a)
+          change(a, p) = change(a, p) - keeps*old(i, a)
+        end do
+      end do
+    end do
+  end subroutine gather_shares
+
+  pure subroutine keep_own_fields(m, origin, spacing, patch, n_patch, patch_base, position, kept, &
+                                  lever, velocity, affine, change)
+    !! Kernel: adds sum N_i alpha_i (v + C (x_i - x)) of the particles' old fields to the change of
+    !! their velocities.
+    integer, intent(in) :: m, n_patch
+    real(wp), intent(in) :: origin(ndim), spacing
+    integer, intent(in) :: patch(m), patch_base(ndim, n_patch)
+    real(wp), intent(in) :: position(ndim, m), kept(chunk), lever(ndim, chunk)
+    real(wp), intent(in) :: velocity(ndim, m), affine(ndim, ndim, m)
+    real(wp), intent(inout) :: change(ndim, chunk)
+    real(wp) :: local
+    integer :: b, p
+
+    do p = 1, m
+      change(:, p) = change(:, p) + kept(p)*velocity(:, p)
+      do b = 1, ndim
+        local = (position(b, p) - origin(b))/spacing - patch_base(b, patch(p))
+        change(:, p) = change(:, p) + affine(:, b, p)*(spacing*(lever(b, p) - local*kept(p)))
+      end do
+    end do
+  end subroutine keep_own_fields
 
   pure subroutine invert_moments(m, origin, spacing, shape_kind, half_domain, patch, n_patch, &
                                  patch_base, patch_fold, position, mean, moment, slope, affine)

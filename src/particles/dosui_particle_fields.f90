@@ -20,11 +20,13 @@ module dosui_particle_fields
     integer :: porosity = 0           !! [-]
     integer :: material = 0           !! index into the scene's materials
     integer :: affine = 0             !! APIC velocity gradient [1/s]
+    integer :: filter_time = 0        !! in which velocities off the grid's fade, AFLIP [s]
     integer :: pore_pressure = 0      !! compression positive [Pa]
     integer :: conductivity = 0       !! k [m/s]
     integer :: deformation = 0        !! F_ab = dx_a/dX_b at a + (b - 1) ndim, finite strains [-]
     integer :: reference_volume = 0   !! before any deformation, finite strains [m3]
     integer :: state = 0              !! state variables of the materials
+    integer :: unmet_volume = 0       !! volume change that no pressure has answered yet [m3]
     integer :: start_pressure = 0     !! pore pressure before any load, adaptive steps only [Pa]
     integer :: region = 0             !! index into the scene's regions, if surfaces are found
     integer :: surface = 0            !! 1 on the free surface, if it is found, else 0 [-]
@@ -53,9 +55,11 @@ module dosui_particle_fields
     !! What a scene asks of its particles and surface points.
     logical :: coupled = .false.       !! water is computed
     logical :: affine = .false.        !! APIC transfer
+    logical :: filtered = .false.      !! AFLIP transfer
     logical :: updated = .false.       !! particles move
     logical :: finite = .false.        !! finite strains
     logical :: adaptive = .false.      !! steps are chosen by their error
+    logical :: projected = .false.     !! pressures by projection, then rigid walls
     logical :: switching = .false.     !! surface points may change between head and flux
     logical :: unsaturated = .false.   !! suction empties pores
     logical :: finds_surface = .false. !! free surfaces are found as bodies move
@@ -86,6 +90,7 @@ contains
       handles%state = set%add('state', '', needs%n_state, yes, no, no, yes)
     end if
     if (needs%affine) handles%affine = set%add('affine', '1/s', ndim*ndim, yes, no, no, yes)
+    if (needs%filtered) handles%filter_time = set%add('filter_time', 's', 1, yes, no, no, yes)
     if (needs%updated .or. needs%finite) handles%position_at_build = &
       set%add('position_at_build', 'm', ndim, yes, yes, no, yes)
     if (needs%finite) then
@@ -99,6 +104,7 @@ contains
     if (.not. needs%coupled) return
     handles%pore_pressure = set%add('pore_pressure', 'Pa', 1, yes, no, yes, yes)
     handles%conductivity = set%add('conductivity', 'm/s', 1, yes, yes, no, yes)
+    if (needs%projected) handles%unmet_volume = set%add('unmet_volume', 'm3', 1, yes, no, no, yes)
     if (needs%adaptive) handles%start_pressure = &
       set%add('start_pressure', 'Pa', 1, yes, no, no, yes)
   end subroutine register_particle_fields

@@ -57,7 +57,10 @@ COLLAPSE = """
 &time end_time = 0.3 /
 &material name = 'sand' model = 'mohr_coulomb' young_modulus = 1.0e6 poisson_ratio = 0.3
   friction_angle = 30 porosity = 0.4 /
-&region name = 'heap' material = 'sand' box_min = 0.0, 0.02 box_max = 0.4, 0.62 /
+&material name = 'mud' model = 'mohr_coulomb' young_modulus = 1.0e5 poisson_ratio = 0.3
+  friction_angle = 20 porosity = 0.4 /
+&region name = 'heap' material = 'sand' box_min = 0.0, 0.02 box_max = 0.4, 0.52 /
+&region name = 'lid' material = 'mud' box_min = 0.0, 0.52 box_max = 0.4, 0.62 /
 &rigid_wall name = 'floor' position = 0.0, 0.0 normal = 0.0, 1.0 friction = 0.4 /
 &output name = 'box' history_interval = 0.0005 /
 """

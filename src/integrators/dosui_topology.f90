@@ -443,6 +443,7 @@ contains
                              model%scene%gravity, nodal)
       call model%grid%node_map%scatter_add(model%comm, 1 + 2*ndim, nodal)
       call model%grid%node_map%gather(model%comm, 1 + 2*ndim, nodal)
+      call build_extension(model, n, patch, handle)
       if (h%edge > 0) edge = reshape(field(h%edge)%values(:, 1:m), [ndim, max(ndim - 1, 1), m])
       if (h%held > 0) held = field(h%held)%values(:, 1:m)
       call model%surface_forces%init(model%comm, model%grid, m, model%surface_cell, &
@@ -456,6 +457,39 @@ contains
     model%lifted = model%centred .and. &
                    model%comm%any(model%surface_forces%has_lifts(model%scene%mechanical_condition))
   end subroutine build_conditions
+
+  subroutine build_extension(model, n, patch, handle)
+    !! Nodes that the body hardly touches follow others. Collective.
+    type(model_t), intent(inout) :: model
+    integer, intent(in) :: n, patch(:), handle
+    real(wp), allocatable :: nodal(:, :), zero(:)
+    logical, allocatable :: wanted(:)
+    integer :: c
+
+    if (.not. (model%quadrature%exact .and. .not. model%quadrature%fitted)) then
+      model%extension%is_on = .false.
+      return
+    end if
+    allocate (nodal(1 + 2*ndim, model%grid%n_node), zero(n))
+    zero = 0.0_wp
+    call particles_to_grid(model%grid, n, patch, model%particles%field(handle)%values, &
+                           model%particles%field(model%p%velocity)%values, &
+                           model%particles%field(model%p%volume)%values, zero, &
+                           model%particles%field(model%p%effective_stress)%values, &
+                           model%scene%gravity, nodal)
+    call model%grid%node_map%scatter_add(model%comm, 1 + 2*ndim, nodal)
+    call model%grid%node_map%gather(model%comm, 1 + 2*ndim, nodal)
+    allocate (wanted(model%grid%n_node), source=.false.)
+    do c = 1, n
+      wanted(model%grid%patch_node(:, patch(c))) = .true.
+    end do
+    do c = 1, model%grid%n_cell
+      if (model%quadrature%part(c) > 0.0_wp) wanted(model%grid%cell_node(:, c)) = .true.
+    end do
+    call model%extension%init(model%comm, model%grid, model%quadrature%part/ &
+                              model%grid%spacing**ndim, model%quadrature%measure > 0.0_wp, &
+                              nodal(1, :)/model%grid%spacing**ndim, wanted)
+  end subroutine build_extension
 
   pure real(wp) function wall_modulus(model) result(modulus)
     !! The modulus that penalty walls resist: the stiffest one that steps see, as far as the

@@ -128,18 +128,14 @@ contains
     !! What penalty walls add to the forces of the changes of the pressures. Collective.
     type(model_t), intent(inout) :: model
     real(wp), intent(in) :: pressure(:)   !! [Pa]
-    real(wp) :: content(model%grid%n_cell), stress(nsig, model%grid%n_cell)
-    integer :: a, c
+    real(wp) :: mean(model%grid%n_cell), stress(nsig, model%grid%n_cell)
+    integer :: a
 
-    call cell_sums(size(pressure), model%cell, model%weight, pressure, size(content), content)
-    call model%grid%cell_map%scatter_add(model%comm, 1, content)
-    call model%grid%cell_map%gather(model%comm, 1, content)
+    call cell_sums(size(pressure), model%cell, model%weight, pressure, size(mean), mean)
+    call model%average%group_means(model%comm, model%grid, 1, mean)
     stress = 0.0_wp
-    do c = 1, size(content)
-      if (.not. model%quadrature%measure(c) > 0.0_wp) cycle
-      do a = 1, ndim
-        stress(voigt_slot(a, a), c) = -content(c)/model%quadrature%measure(c)
-      end do
+    do a = 1, ndim
+      stress(voigt_slot(a, a), :) = -mean
     end do
     call book_reactions(model, stress)
   end subroutine report_lifted

@@ -102,6 +102,12 @@ contains
     call model%quadrature%forces(model%grid, model%average%cell_weight, stress, &
                                  model%nodal(2 + ndim:, :))
     if (.not. model%lifted) return
+    if (model%quadrature%has_groups) then   ! lifts act on whole groups
+      do a = 1, nsig
+        stress(a, :) = model%average%cell_weight*stress(a, :)
+      end do
+      call model%average%group_means(model%comm, model%grid, nsig, stress)
+    end if
     if (model%reactions%is_wanted) call book_reactions(model, stress)
     associate (field => model%surface%field, h => model%s, m => model%surface%count)
       call model%surface_forces%react(model%scene%mechanical_condition, &
@@ -155,7 +161,7 @@ contains
   end subroutine spread_averaged
 
   subroutine mean_cell_pressures(model, pressure)
-    !! Cell means of the pore pressure, compression positive [Pa].
+    !! Means of the pore pressure over cells or their groups, compression positive [Pa].
     type(model_t), intent(inout) :: model
     real(wp), intent(out) :: pressure(:)
 
@@ -496,15 +502,24 @@ contains
   end subroutine move_particles
 
   subroutine find_volume_strain(model, cell_strain)
-    !! Volume change of the step as the water sees it: the cell's or the particle's own.
+    !! Volume change of the step as the water sees it: that of the cell's group, or the particle's
+    !! own. Collective.
     type(model_t), intent(inout) :: model
     real(wp), allocatable, intent(in) :: cell_strain(:)
+    real(wp), allocatable :: water_strain(:)
     integer :: p, d
 
     if (.not. model%coupled) return
+    if (allocated(cell_strain)) then
+      water_strain = cell_strain
+      if (model%centred .and. model%quadrature%has_groups) then
+        water_strain = model%average%cell_weight*cell_strain
+        call model%average%group_means(model%comm, model%grid, 1, water_strain)
+      end if
+    end if
     do p = 1, model%particles%count
       if (allocated(cell_strain)) then
-        model%volume_strain(p) = cell_strain(model%cell(p))
+        model%volume_strain(p) = water_strain(model%cell(p))
         cycle
       end if
       model%volume_strain(p) = 0.0_wp
@@ -560,11 +575,13 @@ contains
                                      field(h%area)%values(1, 1:m), &
                                      field(h%normal)%values(:, 1:m), model%velocity, lift)
     end associate
-    call model%grid%cell_map%scatter_add(model%comm, nsig, lift)
-    call model%grid%cell_map%gather(model%comm, nsig, lift)
+    call model%average%group_sums(model%comm, model%grid, nsig, lift)
     do c = 1, model%grid%n_cell
-      if (.not. model%quadrature%measure(c) > 0.0_wp) cycle
-      strain(:, c) = strain(:, c) + lift(:, c)*(model%clock%dt/model%quadrature%measure(c))
+      if (model%quadrature%has_groups) then
+        strain(:, c) = strain(:, c) + lift(:, c)*(model%clock%dt*model%average%group_inverse(c))
+      else if (model%quadrature%measure(c) > 0.0_wp) then
+        strain(:, c) = strain(:, c) + lift(:, c)*(model%clock%dt/model%quadrature%measure(c))
+      end if
     end do
   end subroutine lift_walls
 

@@ -32,6 +32,7 @@ module dosui_topology
   real(wp), parameter :: inward = 1.0e-3_wp          !! surface points lie in the cell inside [h]
   real(wp), parameter :: imbalance_limit = 1.2_wp    !! repartition above this
   real(wp), parameter :: stiffest_walls = 1.0e3_wp   !! penalty walls over the drained modulus [-]
+  real(wp), parameter :: least_filling = 0.5_wp      !! of a cell that no surface cuts, to be full [-]
   integer(i8), parameter :: bricks_per_rank = 64_i8  !! aimed at
 
 contains
@@ -443,7 +444,7 @@ contains
                              model%scene%gravity, nodal)
       call model%grid%node_map%scatter_add(model%comm, 1 + 2*ndim, nodal)
       call model%grid%node_map%gather(model%comm, 1 + 2*ndim, nodal)
-      call build_extension(model, n, patch, handle)
+      call build_extension(model, n, patch, cell, handle)
       if (h%edge > 0) edge = reshape(field(h%edge)%values(:, 1:m), [ndim, max(ndim - 1, 1), m])
       if (h%held > 0) held = field(h%held)%values(:, 1:m)
       call model%surface_forces%init(model%comm, model%grid, m, model%surface_cell, &
@@ -458,37 +459,58 @@ contains
                    model%comm%any(model%surface_forces%has_lifts(model%scene%mechanical_condition))
   end subroutine build_conditions
 
-  subroutine build_extension(model, n, patch, handle)
-    !! Nodes that the body hardly touches follow others. Collective.
+  subroutine build_extension(model, n, patch, cell, handle)
+    !! Nodes that the body hardly touches follow others. Volumes are those that the particles' masses
+    !! stand for, so that nothing depends on when a restart comes. Collective.
     type(model_t), intent(inout) :: model
-    integer, intent(in) :: n, patch(:), handle
-    real(wp), allocatable :: nodal(:, :), zero(:)
+    integer, intent(in) :: n, patch(n), cell(n)   !! of the particles where the geometry is built
+    integer, intent(in) :: handle                 !! their positions
+    real(wp), allocatable :: nodal(:, :), cells(:, :), amount(:), none(:), filling(:)
     logical, allocatable :: wanted(:)
-    integer :: c
+    integer :: c, p
 
-    if (.not. (model%quadrature%exact .and. .not. model%quadrature%fitted)) then
-      model%extension%is_on = .false.
-      return
-    end if
-    allocate (nodal(1 + 2*ndim, model%grid%n_node), zero(n))
-    zero = 0.0_wp
-    call particles_to_grid(model%grid, n, patch, model%particles%field(handle)%values, &
-                           model%particles%field(model%p%velocity)%values, &
-                           model%particles%field(model%p%volume)%values, zero, &
-                           model%particles%field(model%p%effective_stress)%values, &
-                           model%scene%gravity, nodal)
+    allocate (amount(n), none(n), cells(2, model%grid%n_cell), nodal(1 + 2*ndim, model%grid%n_node))
+    none = 0.0_wp
+    cells = 0.0_wp
+    associate (field => model%particles%field, h => model%p)
+      do p = 1, n
+        if (model%finite) then   ! masses change with the water
+          amount(p) = field(h%reference_volume)%values(1, p)
+        else if (.not. model%updated) then
+          amount(p) = field(h%volume)%values(1, p)
+        else
+          amount(p) = field(h%mass)%values(1, p)/ &
+                      (model%scene%mixture_density(model%material(p))* &
+                       model%scene%mechanics%density_scaling)
+        end if
+        amount(p) = amount(p)/model%grid%spacing**ndim
+        cells(:, cell(p)) = cells(:, cell(p)) + [1.0_wp, amount(p)]
+      end do
+      call particles_to_grid(model%grid, n, patch, field(handle)%values, field(h%velocity)%values, &
+                             amount, none, field(h%effective_stress)%values, model%scene%gravity, &
+                             nodal)
+    end associate
     call model%grid%node_map%scatter_add(model%comm, 1 + 2*ndim, nodal)
     call model%grid%node_map%gather(model%comm, 1 + 2*ndim, nodal)
-    allocate (wanted(model%grid%n_node), source=.false.)
-    do c = 1, n
-      wanted(model%grid%patch_node(:, patch(c))) = .true.
+    call model%grid%cell_map%scatter_add(model%comm, 2, cells)
+    call model%grid%cell_map%gather(model%comm, 2, cells)
+    filling = cells(2, :)
+    if (model%centred) then
+      if (model%quadrature%exact) then
+        filling = model%quadrature%part/model%grid%spacing**ndim
+      else
+        where (filling > least_filling .and. .not. model%quadrature%is_cut) filling = 1.0_wp
+      end if
+    end if
+    allocate (wanted(model%grid%n_node), source=model%updated)
+    do p = 1, n
+      wanted(model%grid%patch_node(:, patch(p))) = .true.
     end do
     do c = 1, model%grid%n_cell
-      if (model%quadrature%part(c) > 0.0_wp) wanted(model%grid%cell_node(:, c)) = .true.
+      if (filling(c) > 0.0_wp) wanted(model%grid%cell_node(:, c)) = .true.
     end do
-    call model%extension%init(model%comm, model%grid, model%quadrature%part/ &
-                              model%grid%spacing**ndim, model%quadrature%measure > 0.0_wp, &
-                              nodal(1, :)/model%grid%spacing**ndim, wanted)
+    call model%extension%init(model%comm, model%grid, filling, cells(1, :) > 0.5_wp, nodal(1, :), &
+                              wanted, model%updated)
   end subroutine build_extension
 
   pure real(wp) function wall_modulus(model) result(modulus)

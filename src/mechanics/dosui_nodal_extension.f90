@@ -13,11 +13,13 @@
 !!
 !!     call extension%init(…)                     at every build of the geometry; collective
 !!     if (extension%is_on) then                  the same on all ranks; else nothing to do
-!!       call extension%fold(…, forces)           E^T: complete forces, masses x velocities, …
-!!       call extension%solve(…, mass, forces)    M_r^-1 of folded ones, M_r = E^T diag(m) E
-!!       (conditions on well-posed nodes)
-!!       call extension%expand(…, velocity)       E: before velocities or motions are used
+!!       call extension%fold(…, forces, held)     E^T: complete forces, masses x velocities, …
+!!       call extension%solve(…, forces, held)    M_r^-1 of folded ones, M_r = E^T diag(m) E
+!!       call extension%expand(…, motion, held)   E: before motions are used
 !!     end if
+!!
+!! Conditions on nodes win over the extension, component by component: what they hold does not
+!! follow, but may lead.
 !!
 !! The mass is restricted exactly, not lumped: with negative weights row sums would make transfers
 !! amplify. M_r is diagonal but for the sources of other nodes (the strip), where conjugate
@@ -71,6 +73,7 @@ module dosui_nodal_extension
     integer(i8), allocatable :: strip_key(:) !! (n_strip) sorted
     integer, allocatable :: strip_node(:)    !! (n_strip) nodes, 0: not in this rank's grid
     logical, allocatable :: strip_is_owned(:)   !! (n_strip) this rank owns the node
+    logical, allocatable :: in_strip(:)      !! (n_node) leads others
     type(index_map_t) :: strip_map           !! copies of the strip; owners are not the nodes'
     integer :: n_follow = 0    !! nodes that follow, on all ranks
     integer :: n_short = 0     !! of them: without neighbours in some direction
@@ -107,7 +110,7 @@ contains
 
   ! ---------------------------------------------------------------- construction
 
-  subroutine nodal_extension_init(self, comm, grid, filling, is_occupied, amount, wanted)
+  subroutine nodal_extension_init(self, comm, grid, filling, is_occupied, amount, wanted, moves)
     !! Finds the well-posed nodes and what the others follow. Collective.
     class(nodal_extension_t), intent(inout) :: self
     type(communicator_t), intent(in) :: comm
@@ -118,6 +121,7 @@ contains
     !! sum N_i V_p, complete, over a cell's volume [-]
     logical, intent(in) :: wanted(grid%n_node)
     !! nodes whose rows this rank needs; owned ones with particles or filled cells have theirs
+    logical, intent(in) :: moves   !! particles may come to nodes that have none
     type(node_table_t) :: table
     type(fit_t), allocatable :: fit(:)
     real(wp), allocatable :: around(:, :)
@@ -132,10 +136,9 @@ contains
     call find_well_posed(comm, grid, amount, around, table)
     allocate (needs_row(grid%n_node))
     do i = 1, grid%n_node
-      needs_row(i) = wanted(i)
-      if (grid%node_map%is_owned(i)) needs_row(i) = wanted(i) .or. around(1, i) > 0.0_wp .or. &
-                                                    amount(i) > 0.0_wp
-      needs_row(i) = needs_row(i) .and. .not. table%is_well(i)
+      needs_row(i) = moves .or. around(1, i) > 0.0_wp .or. amount(i) > 0.0_wp
+      needs_row(i) = needs_row(i) .and. (wanted(i) .or. grid%node_map%is_owned(i)) .and. &
+                     .not. table%is_well(i)
     end do
     self%is_on = comm%any(any(needs_row))
     if (.not. self%is_on) then
@@ -180,7 +183,9 @@ contains
         node = grid%cell_node(k, c)
         around(1, node) = around(1, node) + filling(c)/2**ndim
         around(2, node) = around(2, node) + real(2**(2**ndim - k), wp)
-       if (is_occupied(c) .and. filling(c) >= least_part) around(3, node) = around(3, node) + 1.0_wp
+        if (is_occupied(c) .and. filling(c) >= least_part) then
+          around(3, node) = around(3, node) + 1.0_wp
+        end if
       end do
     end do
     call grid%node_map%scatter_add(comm, 3, around)
@@ -772,6 +777,7 @@ contains
       call grid%node_map%gather(comm, 1, mark)
     end if
     is_used(:grid%n_node) = mark(1, :) > 0.5_wp
+    self%in_strip = is_used(:grid%n_node)
     n = count(is_used)
     place = pack([(k, k=1, size(is_used))], is_used)
     keys = [pack(grid%node_key, is_used(:grid%n_node)), &
@@ -820,23 +826,27 @@ contains
     call self%strip_map%gather(comm, width, values)
   end subroutine add_strip
 
-  subroutine nodal_extension_fold(self, comm, grid, width, values)
-    !! E^T: what nodes that follow have goes to their sources, and leaves them 0. Collective.
+  subroutine nodal_extension_fold(self, comm, grid, width, values, is_held)
+    !! E^T: what components that follow have goes to their sources, and leaves them 0. Held ones
+    !! keep theirs. Collective.
     class(nodal_extension_t), intent(inout) :: self
     type(communicator_t), intent(in) :: comm
     type(grid_t), intent(in) :: grid
-    integer, intent(in) :: width
+    integer, intent(in) :: width    !! a multiple of ndim if components are held
     real(wp), intent(inout) :: values(width, grid%n_node)   !! complete: forces, masses
-    real(wp) :: strip(width, self%n_strip)
+    logical, intent(in), optional :: is_held(ndim, grid%n_node)   !! components that conditions hold
+    real(wp) :: strip(width, self%n_strip), given(width)
     integer :: i, k, r, s
 
     if (.not. self%is_on) return
     strip = 0.0_wp
     do r = 1, self%n_row
       if (.not. self%row_is_owned(r)) cycle
+      given = values(:, self%row_node(r))
+      if (present(is_held)) where (columns(width, is_held(:, self%row_node(r)))) given = 0.0_wp
       do k = self%row_start(r), self%row_start(r + 1) - 1
         s = self%source(k)
-        strip(:, s) = strip(:, s) + self%weight(k)*values(:, self%row_node(r))
+        strip(:, s) = strip(:, s) + self%weight(k)*given
       end do
     end do
     call self%add_strip(comm, width, strip)
@@ -845,17 +855,23 @@ contains
       values(:, self%strip_node(s)) = values(:, self%strip_node(s)) + strip(:, s)
     end do
     do i = 1, grid%n_node
-      if (self%follows(i)) values(:, i) = 0.0_wp
+      if (.not. self%follows(i)) cycle
+      if (present(is_held)) then
+        where (.not. columns(width, is_held(:, i))) values(:, i) = 0.0_wp
+      else
+        values(:, i) = 0.0_wp
+      end if
     end do
   end subroutine nodal_extension_fold
 
-  subroutine nodal_extension_expand(self, comm, grid, width, values)
-    !! E: nodes that follow get their values. Collective.
+  subroutine nodal_extension_expand(self, comm, grid, width, values, is_held)
+    !! E: components that follow get their values; held ones keep theirs. Collective.
     class(nodal_extension_t), intent(inout) :: self
     type(communicator_t), intent(in) :: comm
     type(grid_t), intent(inout) :: grid
-    integer, intent(in) :: width
+    integer, intent(in) :: width    !! a multiple of ndim if components are held
     real(wp), intent(inout) :: values(width, grid%n_node)   !! complete on nodes that do not follow
+    logical, intent(in), optional :: is_held(ndim, grid%n_node)   !! components that conditions hold
     real(wp) :: strip(width, self%n_strip), total(width)
     integer :: k, r, s
 
@@ -869,10 +885,23 @@ contains
       do k = self%row_start(r), self%row_start(r + 1) - 1
         total = total + self%weight(k)*strip(:, self%source(k))
       end do
+      if (present(is_held)) then
+        where (columns(width, is_held(:, self%row_node(r)))) total = values(:, self%row_node(r))
+      end if
       values(:, self%row_node(r)) = total
     end do
     call grid%node_map%gather(comm, width, values)
   end subroutine nodal_extension_expand
+
+  pure function columns(width, components)
+    !! Flags of a node's components, for several vectors one after the other.
+    integer, intent(in) :: width
+    logical, intent(in) :: components(ndim)
+    logical :: columns(width)
+    integer :: k
+
+    columns = [(components(mod(k - 1, ndim) + 1), k=1, width)]
+  end function columns
 
   subroutine nodal_extension_mass_product(self, comm, grid, width, mass, values)
     !! M_r = E^T diag(m) E times values of the nodes that do not follow; the others' are 0 on
@@ -892,55 +921,70 @@ contains
     call self%fold(comm, grid, width, values)
   end subroutine nodal_extension_mass_product
 
-  subroutine nodal_extension_solve(self, comm, grid, width, mass, values)
-    !! M_r^-1: folded momenta become velocities, folded forces accelerations, of the nodes that do
-    !! not follow (the others' stay). Nodes without mass get 0. Collective.
+  subroutine nodal_extension_solve(self, comm, grid, width, mass, values, is_held)
+    !! M_r^-1: folded momenta become velocities, folded forces accelerations, of all nodes, those
+    !! that follow included. Nodes without mass get 0. Held components are what they are given as,
+    !! and the mass beside moves with them. Collective.
     class(nodal_extension_t), intent(inout) :: self
     type(communicator_t), intent(in) :: comm
-    type(grid_t), intent(in) :: grid
-    integer, intent(in) :: width
+    type(grid_t), intent(inout) :: grid
+    integer, intent(in) :: width    !! vectors of ndim components, one after the other
     real(wp), intent(in) :: mass(grid%n_node)               !! of particles, complete [kg]
     real(wp), intent(inout) :: values(width, grid%n_node)   !! complete
-    real(wp), dimension(width, self%n_strip) :: x, r, z, p, q
-    real(wp) :: own(1, self%n_strip), inverse(self%n_strip), row_mass(self%n_row)
-    real(wp) :: sums(2*width), before(width), first(width), factor(width)
-    logical :: counts(self%n_strip)   ! once in sums over the ranks
-    integer :: i, k, s, iteration
+    logical, intent(in), optional :: is_held(ndim, grid%n_node)   !! components that conditions hold
+    real(wp), dimension(width, self%n_strip) :: x, r, z, p, q, is_free, inverse
+    real(wp) :: own(1, self%n_strip), row_mass(width, self%n_row)
+    real(wp), dimension(width) :: before, first, factor
+    real(wp) :: sums(2*width), one
+    integer :: i, k, n, s, iteration
 
-    if (self%is_on) then
-      do s = 1, self%n_strip
-        if (self%strip_node(s) == 0) cycle
-        r(:, s) = values(:, self%strip_node(s))
-        own(1, s) = mass(self%strip_node(s))
-      end do
-      call self%complete_strip(comm, width, r)
-      call self%complete_strip(comm, 1, own)
-      row_mass = mass(self%row_node(:self%n_row))
-      counts = self%strip_is_owned
-    end if
     do i = 1, grid%n_node
       if (self%follows(i)) cycle
-      if (mass(i) > tiny(1.0_wp)*1.0e20_wp) then
-        values(:, i) = values(:, i)/mass(i)
-      else
-        values(:, i) = 0.0_wp
+      one = 0.0_wp
+      if (mass(i) > tiny(1.0_wp)*1.0e20_wp) one = 1.0_wp/mass(i)
+      if (self%is_on) then
+        if (self%in_strip(i)) cycle
       end if
+      do k = 1, width
+        if (present(is_held)) then
+          if (is_held(mod(k - 1, ndim) + 1, i)) cycle
+        end if
+        values(k, i) = values(k, i)*one
+      end do
     end do
     if (.not. self%is_on) return
-    call invert_lumped(self, comm, own(1, :), row_mass, inverse)
+
+    is_free = 1.0_wp
     do s = 1, self%n_strip
-      x(:, s) = inverse(s)*r(:, s)
+      if (self%strip_node(s) == 0) cycle
+      x(:, s) = values(:, self%strip_node(s))
+      own(1, s) = mass(self%strip_node(s))
+      if (.not. present(is_held)) cycle
+      where (columns(width, is_held(:, self%strip_node(s)))) is_free(:, s) = 0.0_wp
     end do
-    call multiply(x, q)
-    sums = 0.0_wp
-    do s = 1, self%n_strip
-      if (counts(s)) sums(:width) = sums(:width) + inverse(s)*r(:, s)**2
+    call self%complete_strip(comm, width, x)
+    call self%complete_strip(comm, 1, own)
+    if (present(is_held)) call self%complete_strip(comm, width, is_free)
+    r = is_free*x
+    x = x - r          ! what is held
+    do n = 1, self%n_row
+      row_mass(:, n) = mass(self%row_node(n))
+      if (.not. present(is_held)) cycle
+      where (columns(width, is_held(:, self%row_node(n)))) row_mass(:, n) = 0.0_wp
     end do
-    r = r - q
-    do s = 1, self%n_strip
-      z(:, s) = inverse(s)*r(:, s)
-      if (counts(s)) sums(width + 1:) = sums(width + 1:) + r(:, s)*z(:, s)
-    end do
+    call invert_lumped(self, comm, width, own(1, :), row_mass, inverse)
+    inverse = is_free*inverse
+    sums(:width) = products(r, inverse*r)
+    if (present(is_held)) then
+      call multiply(x, q)
+      r = is_free*(r - q)
+    end if
+    p = inverse*r
+    x = x + p
+    call multiply(p, q)
+    r = is_free*(r - q)
+    z = inverse*r
+    sums(width + 1:) = products(r, z)
     call comm%sum_array(sums)
     first = sums(:width)
     before = sums(width + 1:)
@@ -948,20 +992,16 @@ contains
     do iteration = 1, iteration_limit
       if (all(before <= solver_tolerance**2*first)) exit
       call multiply(p, q)
-      sums(:width) = 0.0_wp
-      do s = 1, self%n_strip
-        if (counts(s)) sums(:width) = sums(:width) + p(:, s)*q(:, s)
-      end do
+      sums(:width) = products(p, q)
       call comm%sum_array(sums(:width))
       factor = 0.0_wp
       where (sums(:width) > 0.0_wp) factor = before/sums(:width)
-      sums(:width) = 0.0_wp
       do s = 1, self%n_strip
         x(:, s) = x(:, s) + factor*p(:, s)
-        r(:, s) = r(:, s) - factor*q(:, s)
-        z(:, s) = inverse(s)*r(:, s)
-        if (counts(s)) sums(:width) = sums(:width) + r(:, s)*z(:, s)
+        r(:, s) = r(:, s) - factor*is_free(:, s)*q(:, s)
+        z(:, s) = inverse(:, s)*r(:, s)
       end do
+      sums(:width) = products(r, z)
       call comm%sum_array(sums(:width))
       factor = 0.0_wp
       where (before > 0.0_wp) factor = sums(:width)/before
@@ -976,44 +1016,57 @@ contains
     do s = 1, self%n_strip
       if (self%strip_node(s) > 0) values(:, self%strip_node(s)) = x(:, s)
     end do
+    call self%expand(comm, grid, width, values, is_held)
 
   contains
+
+    pure function products(a, b)
+      !! This rank's part of the scalar products.
+      real(wp), intent(in) :: a(width, self%n_strip), b(width, self%n_strip)
+      real(wp) :: products(width)
+      integer :: m
+
+      products = 0.0_wp
+      do m = 1, self%n_strip
+        if (self%strip_is_owned(m)) products = products + a(:, m)*b(:, m)
+      end do
+    end function products
 
     subroutine multiply(a, b)
       !! b = M_r a on the strip, complete on all copies.
       real(wp), intent(in) :: a(width, self%n_strip)
       real(wp), intent(out) :: b(width, self%n_strip)
       real(wp) :: total(width)
-      integer :: n, m
+      integer :: row, m
 
-      do n = 1, self%n_strip
-        b(:, n) = 0.0_wp
-        if (self%strip_is_owned(n)) b(:, n) = own(1, n)*a(:, n)
+      do m = 1, self%n_strip
+        b(:, m) = 0.0_wp
+        if (self%strip_is_owned(m)) b(:, m) = own(1, m)*a(:, m)
       end do
-      do n = 1, self%n_row
-        if (.not. self%row_is_owned(n)) cycle
+      do row = 1, self%n_row
+        if (.not. self%row_is_owned(row)) cycle
         total = 0.0_wp
-        do m = self%row_start(n), self%row_start(n + 1) - 1
+        do m = self%row_start(row), self%row_start(row + 1) - 1
           total = total + self%weight(m)*a(:, self%source(m))
         end do
-        total = row_mass(n)*total
-        do m = self%row_start(n), self%row_start(n + 1) - 1
-          k = self%source(m)
-          b(:, k) = b(:, k) + self%weight(m)*total
+        total = row_mass(:, row)*total
+        do m = self%row_start(row), self%row_start(row + 1) - 1
+          b(:, self%source(m)) = b(:, self%source(m)) + self%weight(m)*total
         end do
       end do
       call self%add_strip(comm, width, b)
     end subroutine multiply
   end subroutine nodal_extension_solve
 
-  subroutine invert_lumped(self, comm, own, row_mass, inverse)
+  subroutine invert_lumped(self, comm, width, own, row_mass, inverse)
     !! 1/(E^T m), or of the diagonal of M_r where that is much larger. Collective.
     class(nodal_extension_t), intent(inout) :: self
     type(communicator_t), intent(in) :: comm
-    real(wp), intent(in) :: own(:)        !! masses of the strip's nodes [kg]
-    real(wp), intent(in) :: row_mass(:)   !! of the nodes that follow [kg]
-    real(wp), intent(out) :: inverse(:)   !! [1/kg]
-    real(wp) :: lumped(2, self%n_strip)
+    integer, intent(in) :: width
+    real(wp), intent(in) :: own(self%n_strip)              !! masses of the strip's nodes [kg]
+    real(wp), intent(in) :: row_mass(width, self%n_row)    !! of components that follow [kg]
+    real(wp), intent(out) :: inverse(width, self%n_strip)  !! [1/kg]
+    real(wp) :: lumped(2*width, self%n_strip)
     integer :: k, r, s
 
     lumped = 0.0_wp
@@ -1021,16 +1074,20 @@ contains
       if (.not. self%row_is_owned(r)) cycle
       do k = self%row_start(r), self%row_start(r + 1) - 1
         s = self%source(k)
-        lumped(1, s) = lumped(1, s) + self%weight(k)*row_mass(r)
-        lumped(2, s) = lumped(2, s) + self%weight(k)**2*row_mass(r)
+        lumped(:width, s) = lumped(:width, s) + self%weight(k)*row_mass(:, r)
+        lumped(width + 1:, s) = lumped(width + 1:, s) + self%weight(k)**2*row_mass(:, r)
       end do
     end do
-    call self%add_strip(comm, 2, lumped)
+    call self%add_strip(comm, 2*width, lumped)
     do s = 1, self%n_strip
       lumped(:, s) = lumped(:, s) + own(s)
-      if (.not. lumped(1, s) > lumped_share*lumped(2, s)) lumped(1, s) = lumped(2, s)
-      inverse(s) = 0.0_wp
-      if (lumped(1, s) > tiny(1.0_wp)*1.0e20_wp) inverse(s) = 1.0_wp/lumped(1, s)
+      do k = 1, width
+        if (.not. lumped(k, s) > lumped_share*lumped(width + k, s)) then
+          lumped(k, s) = lumped(width + k, s)
+        end if
+        inverse(k, s) = 0.0_wp
+        if (lumped(k, s) > tiny(1.0_wp)*1.0e20_wp) inverse(k, s) = 1.0_wp/lumped(k, s)
+      end do
     end do
   end subroutine invert_lumped
 end module dosui_nodal_extension

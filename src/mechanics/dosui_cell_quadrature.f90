@@ -60,7 +60,7 @@ module dosui_cell_quadrature
     integer, allocatable :: member(:)         !! ... parts of the group of a first cell
     real(wp), allocatable :: part(:)                 !! (n_cell) volume of the filled part [m3]
     real(wp), allocatable :: share(:)     !! (n_cell) of a part in its host's strain [-]
-    real(wp), allocatable :: measure(:)   !! (n_cell) W of hosts, the parts that joined them too [m3]
+    real(wp), allocatable :: measure(:)   !! (n_cell) W of hosts, with the parts that joined [m3]
     logical, allocatable :: is_cut(:)                !! (n_cell)
     logical :: has_ragged = .false.                  !! on this rank
     logical, allocatable :: is_ragged(:)   !! (n_cell) particles stand for it, not its centre

@@ -1,10 +1,11 @@
 """Smooth fields in bodies that lie anywhere in the grid: orders of displacements and pressures.
 
-`python tests/verification/cut_fields.py 4` runs as many cuts on three grids and prints the worst errors.
+`python tests/verification/cut_fields.py 4` runs as many cuts on three grids and prints the
+worst errors.
 
-A box is held by rollers on two faces of its own and loaded on the others by the tractions of a plane
-strain solution without body forces (Kolosov's potentials A sinh(k w), B sinh(k w)), dry, or undrained
-with a fluid 10000 times as stiff as the skeleton; a beam is bent by end moments.
+A box is held by rollers on two faces of its own and loaded on the others by the tractions of a
+plane strain solution without body forces (Kolosov's potentials A sinh(k w), B sinh(k w)), dry, or
+undrained with a fluid 10000 times as stiff as the skeleton; a beam is bent by end moments.
 """
 
 from __future__ import annotations
@@ -119,7 +120,9 @@ class Field:
                     f"value={float(normal[0])!r}, {float(normal[2])!r} formula='{formula}' /"
                 )
         walls = ["&mechanical_condition surface='x-' kind='roller' /"]
-        surfaces = [f"&surface name='{f}' region='c' face='{f}' /" for f in ("x-", "x+", "z-", "z+")]
+        surfaces = [
+            f"&surface name='{f}' region='c' face='{f}' /" for f in ("x-", "x+", "z-", "z+")
+        ]
         if self.beam == 0:
             walls.append("&mechanical_condition surface='z-' kind='roller' /")
         lines = [
@@ -194,8 +197,11 @@ def main() -> int:
                 e = [row[key] for row in rows]
                 order = [float(np.log2(e[k] / e[k + 1])) for k in range(2)]
                 print(
-                    f"{'undrained' if wet else 'dry'} turned {angle}, lattice {lattice}, jitter {jitter}: "
-                    f"{key} " + " ".join(f"{x:.2e}" for x in e) + "  orders "
+                    f"{'undrained' if wet else 'dry'} turned {angle}, lattice {lattice}, "
+                    f"jitter {jitter}: "
+                    f"{key} "
+                    + " ".join(f"{x:.2e}" for x in e)
+                    + "  orders "
                     + " ".join(f"{x:.2f}" for x in order),
                     flush=True,
                 )

@@ -186,6 +186,8 @@ contains
     call model%grid%node_map%scatter_add(model%comm, ndim, touch)
     call model%grid%node_map%gather(model%comm, ndim, touch)
     is_empty = .not. touch > empty_node*model%grid%spacing**(ndim - 2)
+    if (model%extension%is_on) is_empty = is_empty .and. &
+      .not. spread(model%extension%follows, 1, ndim)
   end subroutine find_empty
 
   subroutine add_springs(model, touch)
@@ -415,7 +417,7 @@ contains
     logical, intent(in) :: keeps_held           !! columns of held components, too
     type(entries_t), intent(inout) :: skeleton
     real(wp) :: matrix(ndim*operators%n_node, ndim*operators%n_node), tangent(nsig, nsig)
-    integer :: p, i, j, k, m
+    integer :: p, k, m
 
     matrix = 0.0_wp
     do p = 1, size(particle)
@@ -441,11 +443,7 @@ contains
       end do
     end if
     matrix = matrix*(self%length/self%force)
-    do j = 1, size(matrix, 2)
-      do i = 1, size(matrix, 1)
-        call skeleton%add(row_of(i), row_of(j), sign_of(i)*sign_of(j)*matrix(i, j))
-      end do
-    end do
+    call add_matrix(self%unknowns, operators%node, matrix, skeleton)
     if (keeps_held) call keep_held(self, operators, matrix*(self%force/self%length))
 
   contains
@@ -457,21 +455,35 @@ contains
 
       stiffness = matmul(transpose(strain), matmul(modulus, strain))
     end function product_of
-
-    pure integer function row_of(column)
-      !! Unknown of a column of the cell.
-      integer, intent(in) :: column
-
-      row_of = self%unknowns%row(mod(column - 1, ndim) + 1, operators%node((column - 1)/ndim + 1))
-    end function row_of
-
-    pure real(wp) function sign_of(column)
-      !! Its sign.
-      integer, intent(in) :: column
-
-      sign_of = self%unknowns%sign(mod(column - 1, ndim) + 1, operators%node((column - 1)/ndim + 1))
-    end function sign_of
   end subroutine add_stiffness
+
+  subroutine add_matrix(unknowns, node, matrix, skeleton)
+    !! A matrix on the components of a list of nodes becomes one on unknowns.
+    type(unknowns_t), intent(in) :: unknowns
+    integer, intent(in) :: node(:)
+    real(wp), intent(in) :: matrix(:, :)    !! (ndim*nodes, ndim*nodes)
+    type(entries_t), intent(inout) :: skeleton
+    integer, allocatable :: row(:)
+    real(wp), allocatable :: share(:, :), reduced(:, :), sign(:)
+    integer :: i, j
+
+    call unknowns%reduce(node, row, share)
+    if (allocated(share)) then
+      reduced = matmul(share, matmul(matrix, transpose(share)))
+      do j = 1, size(row)
+        do i = 1, size(row)
+          call skeleton%add(row(i), row(j), reduced(i, j))
+        end do
+      end do
+      return
+    end if
+    sign = reshape(unknowns%sign(:, node), [size(row)])
+    do j = 1, size(row)
+      do i = 1, size(row)
+        call skeleton%add(row(i), row(j), sign(i)*sign(j)*matrix(i, j))
+      end do
+    end do
+  end subroutine add_matrix
 
   subroutine elastic_tangent(model, p, tangent)
     !! Elastic stiffness of a particle [Pa].
@@ -563,9 +575,15 @@ contains
     integer, intent(in) :: particle(:)   !! of the cell
     logical, intent(in) :: keeps_all     !! all columns are wanted later
     type(entries_t), intent(inout) :: pressure_force, volume_change
-    real(wp) :: share, sign, bearing, saturation
-    integer :: p, i, k, a, node, row
+    real(wp), allocatable :: shares(:, :), change(:), of_row(:), sign(:)
+    integer, allocatable :: row(:)
+    real(wp) :: bearing, saturation
+    integer :: p, i, k
 
+    call self%unknowns%reduce(operators%node, row, shares)
+    if (.not. allocated(shares)) then
+      sign = reshape(self%unknowns%sign(:, operators%node), [size(row)])
+    end if
     bearing = 1.0_wp
     saturation = 1.0_wp
     do p = 1, size(particle)
@@ -577,17 +595,23 @@ contains
           bearing = saturation + pressure*retention%capacity(pressure)
         end associate
       end if
-      do i = 1, size(operators%volume, 1)
-        share = model%weight(k)*operators%volume(i, p)
-        if (.not. abs(share) > 0.0_wp) cycle
-        a = mod(i - 1, ndim) + 1
-        node = operators%node((i - 1)/ndim + 1)
-        row = self%unknowns%row(a, node)
-        sign = self%unknowns%sign(a, node)*self%length/self%volume
-        call volume_change%add(self%unknowns%particle_row(k), row, saturation*sign*share)
-        call pressure_force%add(row, self%unknowns%particle_row(k), -bearing*sign*share)
-        if (keeps_all) call self%held_water%add(k, place_of(operators, i), &
-                                                saturation*share/self%volume)
+      change = model%weight(k)*operators%volume(:, p)
+      if (keeps_all) then
+        do i = 1, size(change)
+          if (.not. abs(change(i)) > 0.0_wp) cycle
+          call self%held_water%add(k, place_of(operators, i), saturation*change(i)/self%volume)
+        end do
+      end if
+      if (allocated(shares)) then
+        of_row = matmul(shares, change)
+      else
+        of_row = sign*change
+      end if
+      of_row = of_row*(self%length/self%volume)
+      do i = 1, size(row)
+        if (.not. abs(of_row(i)) > 0.0_wp) cycle
+        call volume_change%add(self%unknowns%particle_row(k), row(i), saturation*of_row(i))
+        call pressure_force%add(row(i), self%unknowns%particle_row(k), -bearing*of_row(i))
       end do
     end do
   end subroutine add_coupling
@@ -617,7 +641,7 @@ contains
   end function place_of
 
   subroutine keep_held(self, operators, matrix)
-    !! Keeps the columns of held components, for prescribed motion.
+    !! Keeps the columns of held components, and of those that may follow them, for prescribed motion.
     class(implicit_system_t), intent(inout) :: self
     type(cell_operators_t), intent(in) :: operators
     real(wp), intent(in) :: matrix(:, :)
@@ -625,23 +649,47 @@ contains
 
     do j = 1, size(matrix, 2)
       place = place_of(operators, j)
-      if (.not. self%unknowns%is_held(mod(place - 1, ndim) + 1, (place - 1)/ndim + 1)) cycle
+      if (.not. is_prescribed(mod(place - 1, ndim) + 1, (place - 1)/ndim + 1)) cycle
       do i = 1, size(matrix, 1)
         call self%held%add(place_of(operators, i), place, matrix(i, j))
       end do
     end do
+
+  contains
+
+    pure logical function is_prescribed(a, node)
+      !! May a component move with what is held?
+      integer, intent(in) :: a, node
+
+      is_prescribed = self%unknowns%is_held(a, node)
+      if (self%unknowns%extends) is_prescribed = is_prescribed .or. self%unknowns%follows(a, node)
+    end function is_prescribed
   end subroutine keep_held
 
   subroutine add_masses(self, model, skeleton)
-    !! Nodal masses on the diagonal.
+    !! Nodal masses: on the diagonal, but for the unknowns that other nodes follow.
     class(implicit_system_t), intent(in) :: self
     type(model_t), intent(in) :: model
     type(entries_t), intent(inout) :: skeleton
-    integer :: k, a, node
+    integer :: k, i, j, a, node
 
     do k = 1, size(self%unknowns%own_node)
       node = self%unknowns%own_node(k)
       do a = 1, ndim
+        if (self%unknowns%extends) then
+          if (self%unknowns%follows(a, node)) then
+            associate (start => self%unknowns%start, row => self%unknowns%source, &
+                       share => self%unknowns%share, place => ndim*(node - 1) + a)
+              do j = start(place), start(place + 1) - 1
+                do i = start(place), start(place + 1) - 1
+                  call skeleton%add(row(i), row(j), share(i)*share(j)*model%nodal(1, node)* &
+                                    self%length/self%force)
+                end do
+              end do
+            end associate
+            cycle
+          end if
+        end if
         call skeleton%add(self%unknowns%row(a, node), self%unknowns%row(a, node), &
                           max(model%nodal(1, node), model%inertia(node))*self%length/self%force)
       end do
@@ -701,25 +749,24 @@ contains
     type(entries_t), intent(inout) :: skeleton
     integer, allocatable :: node(:)
     real(wp), allocatable :: weight(:)
+    real(wp), allocatable :: matrix(:, :)
     real(wp) :: spring(ndim, ndim)
-    integer :: e, i, j, a, b
+    integer :: e, i, j
 
-    associate (field => model%surface%field, h => model%s, m => model%surface%count, &
-               row => self%unknowns%row, sign => self%unknowns%sign)
+    associate (field => model%surface%field, h => model%s, m => model%surface%count)
       do e = 1, size(model%surface_forces%entry_point)
         call model%surface_forces%spring(e, model%scene%mechanical_condition, &
                                          field(h%area)%values(1, 1:m), node, weight, spring)
+        if (size(node) == 0) cycle
+        allocate (matrix(ndim*size(node), ndim*size(node)))
         do j = 1, size(node)
           do i = 1, size(node)
-            do b = 1, ndim
-              do a = 1, ndim
-                call skeleton%add(row(a, node(i)), row(b, node(j)), &
-                                  sign(a, node(i))*sign(b, node(j))*weight(i)*weight(j)* &
-                                  spring(a, b)*self%length/self%force)
-              end do
-            end do
+            matrix(ndim*(i - 1) + 1:ndim*i, ndim*(j - 1) + 1:ndim*j) = &
+              weight(i)*weight(j)*(self%length/self%force)*spring
           end do
         end do
+        call add_matrix(self%unknowns, node, matrix, skeleton)
+        deallocate (matrix)
       end do
     end associate
   end subroutine add_walls
@@ -745,10 +792,11 @@ contains
     type(model_t), intent(in) :: model
     type(entries_t), intent(inout) :: skeleton
     real(wp) :: gradient(ndim, 2**ndim), f(ndim, ndim), inverse(ndim, ndim), jacobian, load
+    real(wp) :: matrix(2*ndim*2**ndim, 2*ndim*2**ndim)   ! of loaded nodes and of the point's cell
+    integer, parameter :: half = ndim*2**ndim
     integer :: e, p, i, j, k, a, b
 
-    associate (field => model%surface%field, h => model%s, forces => model%surface_forces, &
-               row => self%unknowns%row, sign => self%unknowns%sign)
+    associate (field => model%surface%field, h => model%s, forces => model%surface_forces)
       do e = 1, size(forces%entry_point)
         p = forces%entry_point(e)
         associate (condition => model%scene%mechanical_condition(forces%entry_condition(e)))
@@ -766,19 +814,19 @@ contains
           if (forces%cell(k, p) == 0) cycle
           associate (n => field(h%normal)%values(:, p), node => forces%node(:, k, p), &
                      around => model%grid%cell_node(:, model%surface_cell(p)))
+            matrix = 0.0_wp
             do j = 1, 2**ndim
               do i = 1, 2**ndim
                 do b = 1, ndim
                   do a = 1, ndim
-                    call skeleton%add(row(a, node(i)), row(b, around(j)), &
-                                      sign(a, node(i))*sign(b, around(j))*load* &
-                                      forces%weight(i, k, p)* &
-                                      (n(a)*gradient(b, j) - gradient(a, j)*n(b))* &
-                                      self%length/self%force)
+                    matrix(ndim*(i - 1) + a, half + ndim*(j - 1) + b) = &
+                      load*forces%weight(i, k, p)*(n(a)*gradient(b, j) - gradient(a, j)*n(b))* &
+                      self%length/self%force
                   end do
                 end do
               end do
             end do
+            call add_matrix(self%unknowns, [node, around], matrix, skeleton)
           end associate
         end do
       end do

@@ -568,7 +568,10 @@ contains
       call self%system%unknowns%prescribe(model, model%clock%time, time, held, has_held)
     end if
     if (is_guess) then   ! else the first iteration distributes it over the body
-      if (has_held) motion = merge(held, motion, self%system%unknowns%is_held)
+      if (has_held) then
+        motion = merge(held, motion, self%system%unknowns%is_held)
+        call self%system%unknowns%expand(model, motion)
+      end if
       has_held = .false.
     end if
     call self%move_from_start(model, motion, err)
@@ -881,6 +884,7 @@ contains
       field%values = velocity
     end associate
     call self%system%add_resistance(model, motion, force)
+    call self%system%unknowns%fold(model, force)
   end subroutine force_residual
 
   subroutine advance_within(self, model, step, pressure_step, motion, pressure, err)

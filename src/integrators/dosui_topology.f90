@@ -431,10 +431,6 @@ contains
     if (model%centred) call build_quadrature(model, handle, surface_handle, cell)
     call choose_imposition(model, surface_handle)
     associate (field => model%surface%field, h => model%s)
-      call model%nodal_conditions%init(model%comm, model%scene%mechanical_condition, model%grid, &
-                                       m, model%surface_cell, &
-                                       field(surface_handle)%values(:, 1:m), &
-                                       field(h%normal)%values(:, 1:m), model%on_nodes)
       allocate (nodal(1 + 2*ndim, model%grid%n_node))
       call particles_to_grid(model%grid, n, patch, model%particles%field(handle)%values, &
                              model%particles%field(model%p%velocity)%values, &
@@ -454,10 +450,48 @@ contains
                                      wall_modulus(model), model%scene%mechanics%penalty, &
                                      model%by_force, model%quadrature%exact .and. &
                                      .not. model%quadrature%fitted, held, edge)
+      if (model%quadrature%exact .and. .not. model%quadrature%fitted) then
+        call hold_nodes_of_parts(model)
+      else
+        call model%nodal_conditions%init(model%comm, model%scene%mechanical_condition, &
+                                         model%grid, m, model%surface_cell, &
+                                         field(surface_handle)%values(:, 1:m), &
+                                         field(h%normal)%values(:, 1:m), model%on_nodes)
+      end if
     end associate
     model%lifted = model%centred .and. &
                    model%comm%any(model%surface_forces%has_lifts(model%scene%mechanical_condition))
   end subroutine build_conditions
+
+  subroutine hold_nodes_of_parts(model)
+    !! Conditions on nodes where pieces of surface are cut by the cells: the part in each cell holds
+    !! that cell's nodes, also where a body ends a little beyond a node. Collective.
+    type(model_t), intent(inout) :: model
+    integer, allocatable :: point(:), part(:)
+    real(wp), allocatable :: position(:, :)
+    real(wp) :: hat
+    integer :: i, k, q
+
+    associate (forces => model%surface_forces)
+      point = pack(spread([(k, k=1, forces%n_point)], 1, forces%n_part), forces%cell > 0)
+      part = pack(spread([(k, k=1, forces%n_part)], 2, forces%n_point), forces%cell > 0)
+      allocate (position(ndim, size(point)))
+      do q = 1, size(point)   ! hats give a part's middle
+        position(:, q) = 0.0_wp
+        hat = sum(forces%weight(:, part(q), point(q)))
+        do i = 1, 2**ndim
+          position(:, q) = position(:, q) + forces%weight(i, part(q), point(q))/hat* &
+                           real(model%grid%corner_index(i, forces%cell(part(q), point(q))), wp)
+        end do
+        position(:, q) = model%grid%origin + model%grid%spacing*position(:, q)
+      end do
+      call model%nodal_conditions%init(model%comm, model%scene%mechanical_condition, model%grid, &
+                                       size(point), [(forces%cell(part(q), point(q)), &
+                                                      q=1, size(point))], position, &
+                                       model%surface%field(model%s%normal)%values(:, point), &
+                                       model%on_nodes(:, point))
+    end associate
+  end subroutine hold_nodes_of_parts
 
   subroutine build_extension(model, n, patch, cell, handle)
     !! Nodes that the body hardly touches follow others. Volumes are those that the particles' masses
@@ -474,9 +508,16 @@ contains
     cells = 0.0_wp
     associate (field => model%particles%field, h => model%p)
       do p = 1, n
-        amount(p) = field(h%mass)%values(1, p)/ &
-                    (model%scene%mixture_density(model%material(p))* &
-                     model%scene%mechanics%density_scaling*model%grid%spacing**ndim)
+        if (model%finite) then   ! masses change with the water
+          amount(p) = field(h%reference_volume)%values(1, p)
+        else if (.not. model%updated) then
+          amount(p) = field(h%volume)%values(1, p)
+        else
+          amount(p) = field(h%mass)%values(1, p)/ &
+                      (model%scene%mixture_density(model%material(p))* &
+                       model%scene%mechanics%density_scaling)
+        end if
+        amount(p) = amount(p)/model%grid%spacing**ndim
         cells(:, cell(p)) = cells(:, cell(p)) + [1.0_wp, amount(p)]
       end do
       call particles_to_grid(model%grid, n, patch, field(handle)%values, field(h%velocity)%values, &

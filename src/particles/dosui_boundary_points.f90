@@ -74,7 +74,7 @@ contains
       low(:, k) = scene%surface(named(k))%box_min
       high(:, k) = scene%surface(named(k))%box_max
     end do
-    call end_pieces(face, region_spacing(scene, scene%region(r)), low, high)
+    call end_pieces(face, region_spacing(scene, scene%region(r)), scene%grid_spacing, low, high)
   end subroutine end_at_boxes
 
   subroutine seed_face(comm, scene, r, face, rank, first_patch, id, points, handles, touched)

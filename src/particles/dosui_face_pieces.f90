@@ -54,21 +54,27 @@ contains
     end do
   end subroutine region_faces
 
-  subroutine end_pieces(face, spacing, low, high)
+  subroutine end_pieces(face, spacing, longest, low, high)
     !! Lets pieces of a planar face end where boxes do, if the planes of these cross one of its
-    !! edges only: a load then acts on all of its surface and on nothing else.
+    !! edges only: a load then acts on all of its surface and on nothing else. Pieces longer than a
+    !! cell, which would leave out cells, are divided.
     type(face_t), intent(inout) :: face
     real(wp), intent(in) :: spacing                    !! wanted length of a piece [m]
+    real(wp), intent(in) :: longest                    !! of a piece: a cell [m]
     real(wp), intent(in) :: low(:, :), high(:, :)      !! (ndim, boxes) [m]
-    real(wp) :: fraction(2*ndim*size(low, 2)), piece
+    real(wp) :: fraction(2*ndim*size(low, 2)), piece, length
     integer :: n, e, b, d, n_even
+    logical :: is_long
 
     if (ndim == 1 .or. face%name == 'round' .or. face%radius < huge(1.0_wp)) return
     if (allocated(face%piece_area)) return
     do e = 1, size(face%edge, 2)
       n = 0
-      n_even = max(1, nint(norm2(face%edge(:, e))/spacing))
-      piece = norm2(face%edge(:, e))/real(n_even, wp)
+      length = norm2(face%edge(:, e))
+      n_even = max(1, nint(length/spacing))
+      is_long = length > real(n_even, wp)*longest*(1.0_wp + same_place)
+      if (is_long) n_even = ceiling(length/longest*(1.0_wp - same_place))
+      piece = length/real(n_even, wp)
       do b = 1, size(low, 2)
         do d = 1, ndim
           if (abs(face%edge(d, e)) < same_place*piece .or. &
@@ -78,8 +84,7 @@ contains
           call add_end(high(d, b))
         end do
       end do
-      if (n > 0) call divide_between(fraction(:n), norm2(face%edge(:, e))/spacing, &
-                                     face%ends(e)%at)
+      if (n > 0 .or. is_long) call divide_between(fraction(:n), real(n_even, wp), face%ends(e)%at)
     end do
 
   contains

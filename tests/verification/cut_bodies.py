@@ -2,7 +2,7 @@
 
 `python tests/verification/cut_bodies.py 500` runs as many and prints what went wrong, and the worst
 errors; `... 500 3` begins with number 3; DOSUI_RANKS=3 runs on so many ranks, DOSUI_DIMENSION=3 in
-three dimensions only.
+three dimensions only. Some have their walls on lines of the grid; some of these bear finite strains.
 
 Each box is confined by walls on its own (cut) faces and loaded on the others, so that a linear field
 of displacements and a uniform stress are the solution: in one direction, in two, or in shear; dry,
@@ -40,6 +40,8 @@ class Patch:
     per_cell: int
     wet: bool
     load: str
+    anchored: bool  # walls lie on grid lines
+    finite: bool
     angle: float
     size: list[float]
     strain: np.ndarray  # (3, 3) gradient of the displacement, body axes
@@ -53,7 +55,7 @@ class Patch:
         water = "undrained" if self.wet else "dry"
         return (
             f"{self.seed}: {self.dimension}-D {self.kind} {self.per_cell} per direction {water} "
-            f"{self.load}"
+            f"{self.load}{' anchored' if self.anchored else ''}{' finite' if self.finite else ''}"
         )
 
 
@@ -78,6 +80,23 @@ def undrained(confined: list[int], total: dict[int, float], wet: bool) -> tuple[
     return strain, -bulk * strain.sum()
 
 
+def faces_of(dimension: int) -> list[str]:
+    """Names of the faces of a box."""
+    return ["x-", "x+", "z-", "z+"] + (["y-", "y+"] if dimension == 3 else [])
+
+
+def finite_state(confined: list[int], push: dict[int, float]) -> tuple[np.ndarray, np.ndarray]:
+    """Displacement gradient and Cauchy stress of logarithmic elasticity under pressures."""
+    free = [a for a in range(3) if a not in confined]
+    e = np.zeros(3)
+    for _ in range(60):  # Kirchhoff stress = J x Cauchy stress
+        volume = np.exp(e.sum())
+        matrix = np.full((len(free), len(free)), LAME) + 2 * SHEAR * np.eye(len(free))
+        e[free] = np.linalg.solve(matrix, [-push[a] * volume for a in free])
+    kirchhoff = LAME * e.sum() + 2 * SHEAR * e
+    return np.diag(np.exp(e) - 1.0), np.diag(kirchhoff / np.exp(e.sum()))
+
+
 def patch(seed: int, dimension: int = 0) -> Patch:
     """The patch of this number."""
     draw = random.Random(seed)
@@ -88,11 +107,15 @@ def patch(seed: int, dimension: int = 0) -> Patch:
     load = draw.choice(["uniaxial", "biaxial", "biaxial", "shear"])
     if wet and load == "uniaxial":
         load = "biaxial"
-    cells = draw.uniform(6, 12) if dimension == 2 else draw.uniform(2.5, 4)
+    cells = draw.uniform(6, 12) if dimension == 2 else draw.uniform(3, 4)
+    anchored = draw.random() < 0.3
+    if anchored:
+        kind = draw.choice(["aligned", "jittered", "lattice"])
+    finite = anchored and not wet and draw.random() < 0.5
     h = 1.0 / cells
     size = [0.8, 0.7, 1.0]
     axes = [0, 2] if dimension == 2 else [0, 1, 2]
-    origin = [h * draw.random() for _ in axes]
+    origin = [0.0 if anchored else h * draw.random() for _ in axes]
     angle = draw.uniform(-45, 45) if "bod" in kind or kind == "both" else 0.0
     lattice = {"lattice": draw.uniform(-45, 45), "both": draw.uniform(-45, 45)}.get(kind, angle)
     jitter = 0.25 if "jittered" in kind else 0.0
@@ -100,7 +123,7 @@ def patch(seed: int, dimension: int = 0) -> Patch:
     strain = np.zeros((3, 3))
     push = {a: draw.uniform(500, 1500) for a in range(3)}
     walls: list[str] = []
-    faces = ["x-", "x+", "z-", "z+"] + (["y-", "y+"] if dimension == 3 else [])
+    faces = faces_of(dimension)
     if load == "shear":
         gamma = 1.0e-3
         strain[0, 2] = gamma
@@ -124,11 +147,21 @@ def patch(seed: int, dimension: int = 0) -> Patch:
                 walls += [f"surface='{name}+' kind='roller'"]
             else:
                 walls += [f"surface='{name}+' kind='pressure' value={push[a]:.17g}"]
+    if finite:
+        load = "biaxial"
+        push = {a: 100.0 * p for a, p in push.items()}
+        strain, stress = finite_state(across, push)
+        walls, faces = [], faces_of(dimension)
+        for a in axes:
+            walls += [f"surface='{'xyz'[a]}-' kind='roller'"]
+            walls += [f"surface='{'xyz'[a]}+' kind='pressure' value={push[a]:.17g}"]
     symmetric = 0.5 * (strain + strain.T)
-    stress = LAME * np.trace(symmetric) * np.eye(3) + 2 * SHEAR * symmetric
+    if not finite:
+        stress = LAME * np.trace(symmetric) * np.eye(3) + 2 * SHEAR * symmetric
     lines = [
         f"&scene title='patch {seed}' dimension={dimension} integrator='quasi_static'",
-        f" water='{'saturated' if wet else 'none'}' gravity={numbers([0.0] * dimension)} /",
+        f" water='{'saturated' if wet else 'none'}' gravity={numbers([0.0] * dimension)}",
+        " deformation='finite' /" if finite else " /",
         f"&grid spacing={h:.17g} origin={numbers(origin)} shape_function='linear' /",
         "&time end_time=1 /",
         f"&material name='s' young_modulus={YOUNG} poisson_ratio={POISSON} porosity={POROSITY}",
@@ -142,20 +175,8 @@ def patch(seed: int, dimension: int = 0) -> Patch:
     lines += [f"&surface name='{f}' region='c' face='{f}' /" for f in faces]
     lines += [f"&mechanical_condition {w} /" for w in walls]
     lines += ["&output name='r' /"]
-    return Patch(
-        seed,
-        dimension,
-        kind,
-        per_cell,
-        wet,
-        load,
-        angle,
-        size,
-        strain,
-        stress,
-        pressure,
-        "\n".join(line for line in lines if line) + "\n",
-    )
+    return Patch(seed, dimension, kind, per_cell, wet, load, anchored, finite, angle, size, strain,
+                 stress, pressure, "\n".join(line for line in lines if line) + "\n")
 
 
 def read(path: Path, step: int) -> dict[str, np.ndarray]:
@@ -177,12 +198,13 @@ def errors(case: Patch, path: Path) -> dict[str, float]:
     local = data["points"] @ at  # boxes turn about their lower corner
     if case.dimension == 2:
         local[:, 1] = 0.0
+    if case.finite:  # results show deformed places
+        local = (data["points"] - data["displacement"]) @ at
+        local[:, 1] *= case.dimension == 3
     exact = local @ case.strain.T @ at.T
     found = {"u": float(np.abs(data["displacement"] - exact).max() / np.abs(exact).max())}
     stress = at @ case.stress @ at.T
-    voigt = np.array(
-        [stress[0, 0], stress[1, 1], stress[2, 2], stress[1, 2], stress[0, 2], stress[0, 1]]
-    )
+    voigt = np.array([stress[0, 0], stress[1, 1], stress[2, 2], stress[1, 2], stress[0, 2], stress[0, 1]])
     order = data["effective_stress"][:, [0, 1, 2, 4, 5, 3]]
     scale = max(np.abs(voigt).max(), case.pressure)
     found["stress"] = float(np.abs(order - voigt).max() / scale)
@@ -217,9 +239,7 @@ def main() -> int:
             status, output = run(case, Path(name), program, ranks)
             if status != 0:
                 n_bad += 1
-                print(
-                    f"{case.name}: status {status}: {output.strip().splitlines()[-1]}", flush=True
-                )
+                print(f"{case.name}: status {status}: {output.strip().splitlines()[-1]}", flush=True)
                 continue
             found = errors(case, Path(name) / "r.vtkhdf")
         limit = WET if case.wet else DRY
@@ -229,9 +249,7 @@ def main() -> int:
                 worst[full] = (value, case.name)
         if not max(found.values()) <= limit:
             n_bad += 1
-            print(
-                f"{case.name}: " + ", ".join(f"{k} {v:.2e}" for k, v in found.items()), flush=True
-            )
+            print(f"{case.name}: " + ", ".join(f"{k} {v:.2e}" for k, v in found.items()), flush=True)
     for key, (value, what) in sorted(worst.items()):
         print(f"worst {key}: {value:.2e} ({what})")
     print(f"{n_bad} of {count} wrong")

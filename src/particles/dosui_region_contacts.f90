@@ -114,7 +114,8 @@ contains
       if (count(self%body == r) == 1 .and. scene%region(r)%shape == 'box') then   ! its own axes
         low = scene%region(r)%box_min
         high = scene%region(r)%box_max
-        is_turned([1, ndim]) = ndim > 1 .and. abs(scene%region(r)%shape_angle) > 0.0_wp
+        is_turned(1) = ndim > 1 .and. abs(scene%region(r)%shape_angle) > 0.0_wp
+        is_turned(ndim) = is_turned(1)
       end if
       do other = r + 1, size(scene%region)
         if (self%body(other) /= r) cycle

@@ -16,7 +16,7 @@ module dosui_semi_implicit
   use dosui_dimension, only: ndim, nsig, voigt_slot
   use dosui_cell_average, only: cell_sums
   use dosui_error, only: error_t
-  use dosui_explicit, only: damping_limit, fastest_particle
+  use dosui_explicit, only: cut_share, damping_limit, fastest_particle
   use dosui_force_balance, only: book_held_by_walls, book_reactions, book_rigid_wall, want_forces
   use dosui_implicit_system, only: implicit_system_t
   use dosui_model, only: balance_t, model_t
@@ -263,7 +263,7 @@ contains
 
     associate (courant => model%scene%time%courant, h => model%scene%grid_spacing)
       limits(1)%name = 'skeleton wave speed'
-      limits(1)%dt = courant*h/sqrt(model%skeleton_modulus/model%density)
+      limits(1)%dt = cut_share(model)*courant*h/sqrt(model%skeleton_modulus/model%density)
       if (model%lifted) then
         limits(4)%name = 'walls off the grid lines'
         limits(4)%dt = wall_share*limits(1)%dt

@@ -3,6 +3,8 @@
 !! The average P is self-adjoint in the weights: sum w a (P b) = sum w (P a) b. Kernels sum over
 !! this rank's particles, `cell_average_t` completes the sums of cells that ranks share.
 !! Without shared cells no message is sent.
+!!
+!! Cells may form groups, named by their first cell, whose members take one mean together.
 module dosui_cell_average
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim, nsig, voigt_slot
@@ -18,9 +20,13 @@ module dosui_cell_average
     real(wp), allocatable :: cell_weight(:)      !! (n_cell) this rank's share of the weight
     real(wp), allocatable :: cell_inverse(:)     !! (n_cell) 1/complete weight, 0 for empty cells
     real(wp), allocatable :: block_inverse(:)    !! (n_block) 1/complete weight, 0 for empty blocks
+    integer, allocatable :: group(:)             !! (n_cell) first cell of the group, if there are
+    real(wp), allocatable :: group_inverse(:)    !! (n_cell) 1/complete weight of that group
   contains
     procedure :: set_weights => cell_average_set_weights
     procedure :: cell_means => cell_average_cell_means
+    procedure :: group_means => cell_average_group_means
+    procedure :: group_sums => cell_average_group_sums
     procedure :: block_means => cell_average_block_means
   end type cell_average_t
 
@@ -147,7 +153,7 @@ contains
     call grid%block_map%gather(comm, width, sums)
   end subroutine complete_blocks
 
-  subroutine cell_average_set_weights(self, comm, grid, n, cell, weight)
+  subroutine cell_average_set_weights(self, comm, grid, n, cell, weight, group)
     !! Takes over the particles' weights (volumes). All ranks call it together.
     class(cell_average_t), intent(inout) :: self
     type(communicator_t), intent(in) :: comm
@@ -155,6 +161,7 @@ contains
     integer, intent(in) :: n
     integer, intent(in) :: cell(n)
     real(wp), intent(in) :: weight(n)   !! [m3]
+    integer, intent(in), optional :: group(:)   !! (n_cell) first cells of the groups
     real(wp), allocatable :: one(:)
 
     if (allocated(self%cell_weight)) then
@@ -169,6 +176,12 @@ contains
     call complete_cells(comm, grid, 1, self%cell_inverse)
     call invert_positive(grid%n_cell, self%cell_inverse)
     call invert_positive(grid%n_block, self%block_inverse)
+    if (allocated(self%group)) deallocate (self%group, self%group_inverse)
+    if (.not. present(group)) return
+    self%group = group
+    self%group_inverse = self%cell_weight
+    call self%group_sums(comm, grid, 1, self%group_inverse)
+    call invert_positive(grid%n_cell, self%group_inverse)
   end subroutine cell_average_set_weights
 
   pure subroutine invert_positive(n, values)
@@ -199,6 +212,46 @@ contains
       sums(:, c) = sums(:, c)*self%cell_inverse(c)
     end do
   end subroutine cell_average_cell_means
+
+  subroutine cell_average_group_sums(self, comm, grid, width, sums)
+    !! Turns this rank's sums over cells into those of their groups over all ranks. Without groups
+    !! cells are by themselves.
+    class(cell_average_t), intent(in) :: self
+    type(communicator_t), intent(in) :: comm
+    type(grid_t), intent(inout) :: grid
+    integer, intent(in) :: width                              !! values per cell
+    real(wp), intent(inout) :: sums(width, grid%n_cell)
+    integer :: c
+
+    if (allocated(self%group)) then
+      do c = 1, grid%n_cell
+        if (self%group(c) == c) cycle
+        sums(:, self%group(c)) = sums(:, self%group(c)) + sums(:, c)
+      end do
+    end if
+    call complete_cells(comm, grid, width, sums)
+    if (allocated(self%group)) sums = sums(:, self%group)
+  end subroutine cell_average_group_sums
+
+  subroutine cell_average_group_means(self, comm, grid, width, sums)
+    !! Turns this rank's sums of weight*value over cells into the means of their groups over all
+    !! ranks, or of cells without groups.
+    class(cell_average_t), intent(in) :: self
+    type(communicator_t), intent(in) :: comm
+    type(grid_t), intent(inout) :: grid
+    integer, intent(in) :: width                              !! values per cell
+    real(wp), intent(inout) :: sums(width, grid%n_cell)       !! sums on entry, means on return
+    integer :: c
+
+    if (.not. allocated(self%group)) then
+      call self%cell_means(comm, grid, width, sums)
+      return
+    end if
+    call self%group_sums(comm, grid, width, sums)
+    do c = 1, grid%n_cell
+      sums(:, c) = sums(:, c)*self%group_inverse(c)
+    end do
+  end subroutine cell_average_group_means
 
   subroutine cell_average_block_means(self, comm, grid, width, sums, means)
     !! The blocks' means over all ranks from this rank's sums of weight*value over cells (before

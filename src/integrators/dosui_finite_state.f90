@@ -7,7 +7,7 @@
 !! n da = J F^-T N dA (Nanson).
 module dosui_finite_state
   use dosui_kinds, only: wp
-  use dosui_dimension, only: ndim, nsig, voigt_slot
+  use dosui_dimension, only: ndim, nsig
   use dosui_error, only: error_t
   use dosui_finite_strain, only: carried_area, deform, elastic_strain, elastic_trial, invert, &
                                  rate_of_logarithm
@@ -110,9 +110,9 @@ contains
     real(wp), intent(in) :: motion(:, :)                  !! of the nodes [m]
     real(wp), intent(inout) :: deformation(:, :, :)       !! [-]
     real(wp) :: shift(ndim, ndim, model%grid%n_cell), volume(model%grid%n_cell)
-    real(wp) :: centre(nsig, ndim*2**ndim)
+    real(wp), allocatable :: slope(:, :, :)
     logical :: is_used(model%grid%n_cell)
-    integer :: p, c, i, b
+    integer :: p, c
 
     shift = 0.0_wp
     volume = 0.0_wp
@@ -126,16 +126,10 @@ contains
         volume(c) = volume(c) + v0(1, p)
       end do
     end associate
+    allocate (slope(ndim, ndim, model%grid%n_cell))
+    call model%quadrature%slopes(model%grid, motion, slope)
     do c = 1, model%grid%n_cell
-      if (.not. is_used(c)) cycle
-      shift(:, :, c) = shift(:, :, c)/volume(c)
-      call model%quadrature%strain_operator(model%grid, c, centre)
-      do i = 1, 2**ndim
-        do b = 1, ndim
-          shift(:, b, c) = shift(:, b, c) + motion(:, model%grid%cell_node(i, c))* &
-                           centre(voigt_slot(b, b), ndim*(i - 1) + b)
-        end do
-      end do
+      if (is_used(c)) shift(:, :, c) = shift(:, :, c)/volume(c) + slope(:, :, c)
     end do
     do p = 1, model%particles%count
       deformation(:, :, p) = deformation(:, :, p) + shift(:, :, model%cell(p))

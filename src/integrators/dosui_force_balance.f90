@@ -13,6 +13,7 @@
 module dosui_force_balance
   use dosui_kinds, only: wp, i8
   use dosui_dimension, only: ndim
+  use dosui_extended_nodes, only: inertia_forces
   use dosui_model, only: model_t
   use dosui_reactions, only: moment_axis, n_moment, n_total, of_damping, of_inertia, &
                              of_light_nodes, of_loads, of_shaking, of_sources, of_weight
@@ -260,7 +261,7 @@ contains
 
   subroutine close_step(model, dt, flip, least_mass, push, at_start)
     !! Reactions on nodes, damping and inertia of a step whose nodal velocities are final and
-    !! whose particles have got theirs.
+    !! whose particles have got theirs. Collective.
     type(model_t), intent(inout) :: model
     real(wp), intent(in) :: dt                         !! [s]
     real(wp), intent(in) :: flip                       !! share of FLIP in the particles' [-]
@@ -269,12 +270,20 @@ contains
     logical, intent(in), optional :: at_start          !! particles have not moved yet
     real(wp), dimension(ndim) :: undamped, force, inertia, rest, more
     integer :: holder(ndim, model%grid%n_node)
-    real(wp) :: inverse, share
-    real(wp) :: carried   ! mass in the particles' momentum [kg]
+    real(wp) :: share(model%grid%n_node)    ! of FLIP in the particles' momentum [-]
+    real(wp) :: inverse, carried   ! mass in the particles' momentum [kg]
+    real(wp), allocatable :: change(:, :)   ! of momenta, where nodes follow others
     integer :: a, i
     logical :: is_held
 
     call model%nodal_conditions%holders(model%scene%mechanical_condition, holder)
+    share = flip
+    if (allocated(model%node_share)) share = model%node_share
+    if (model%extension%is_on) then
+      change = (model%velocity - spread(share, 1, ndim)*model%velocity_old)/dt
+      call inertia_forces(model, holder > 0, change)
+      change = change - spread((1.0_wp - share)/dt, 1, ndim)*model%nodal(2:1 + ndim, :)
+    end if
     associate (reactions => model%reactions, total => model%reactions%total)
       call add_weight(model)
       total(:, of_inertia) = (momentum_of(model) - reactions%momentum)/dt
@@ -289,15 +298,18 @@ contains
         if (allocated(reactions%by_walls)) more = more + reactions%by_walls(:, i)
         inverse = 0.0_wp
         if (model%nodal(1, i) > tiny(1.0_wp)*1.0e20_wp) inverse = 1.0_wp/model%nodal(1, i)
-        share = flip
-        if (allocated(model%node_share)) share = model%node_share(i)
-        inertia = (model%velocity(:, i) - share*model%velocity_old(:, i) - (1.0_wp - share)* &
-                   model%nodal(2:1 + ndim, i)*inverse)/dt
+        inertia = (model%velocity(:, i) - share(i)*model%velocity_old(:, i) - &
+                   (1.0_wp - share(i))*model%nodal(2:1 + ndim, i)*inverse)/dt
         carried = model%nodal(1, i)
         if (present(at_start)) carried = 0.0_wp
-        total(:, of_inertia) = total(:, of_inertia) + &
-                               (max(model%nodal(1, i), model%inertia(i)) - carried)*inertia
-        inertia = max(model%nodal(1, i), model%inertia(i))*inertia
+        if (allocated(change)) then
+          inertia = change(:, i)
+          if (present(at_start)) total(:, of_inertia) = total(:, of_inertia) + inertia
+        else
+          total(:, of_inertia) = total(:, of_inertia) + &
+                                 (max(model%nodal(1, i), model%inertia(i)) - carried)*inertia
+          inertia = max(model%nodal(1, i), model%inertia(i))*inertia
+        end if
         reactions%gross = reactions%gross + norm2(inertia)
         do a = 1, ndim
           is_held = holder(a, i) > 0

@@ -21,7 +21,7 @@ module dosui_implicit_system
   use dosui_pore_water, only: compressibility_at
   use dosui_skeleton_step, only: light_node_mass
   use dosui_stiffness, only: cell_lists, cell_operators_t, cell_strain_operators, &
-                             extension_ties, hourglass_operators
+                             hourglass_operators
   use dosui_text, only: to_text
   use dosui_unknowns, only: unknowns_t
   use dosui_weak_ties, only: weak_ties_t
@@ -33,9 +33,14 @@ module dosui_implicit_system
   integer, parameter :: direct_limit(3) = [500000, 12000, 4000]   !! unknowns in 1-D, 2-D, 3-D
   integer, parameter :: last_resort = 20   !! times as many are factorised where iterations fail
   real(wp), parameter :: hourglass_stiffness = 0.1_wp
-  !! of cells with one particle, over their deviatoric stiffness; it acts on increments only. The
-  !! same for small parts of cells with too few particles, against what extends their hosts [-]
+  !! of cells with one particle, over their deviatoric stiffness; it acts on increments only [-]
   real(wp), parameter :: empty_node = 1.0e-12_wp   !! stiffness of a node over the modulus [-]
+
+  type :: means_t
+    !! Strain operators of the parts' means; not allocated where means come from particles.
+    real(wp), allocatable :: part(:, :, :)   !! (nsig, ndim*2**ndim, n_cell) [1/m]
+    real(wp), allocatable :: lift(:, :, :)   !! likewise, of penalty walls, times volumes [m2]
+  end type means_t
 
   type, public :: implicit_system_t
     type(unknowns_t) :: unknowns
@@ -158,15 +163,15 @@ contains
     real(wp), allocatable :: touch(:, :)
     type(cell_operators_t) :: operators
     integer, allocatable :: start(:), particle(:)
-    real(wp), allocatable :: centre(:, :, :)
+    type(means_t) :: means
     integer :: c, p, i, k
 
     allocate (touch(ndim, model%grid%n_node), source=0.0_wp)
     call cell_lists(model%particles%count, model%cell, model%grid%n_cell, start, particle)
-    call centre_operators(model, centre)
+    call mean_operators(model, means)
     do c = 1, model%grid%n_cell
       if (start(c + 1) == start(c)) cycle
-      call operators_of_cell(model, c, particle(start(c):start(c + 1) - 1), centre, operators)
+      call operators_of_cell(model, c, particle(start(c):start(c + 1) - 1), means, operators)
       do p = 1, size(operators%strain, 3)
         do i = 1, operators%n_node
           do k = 1, ndim
@@ -181,6 +186,8 @@ contains
     call model%grid%node_map%scatter_add(model%comm, ndim, touch)
     call model%grid%node_map%gather(model%comm, ndim, touch)
     is_empty = .not. touch > empty_node*model%grid%spacing**(ndim - 2)
+    if (model%extension%is_on) is_empty = is_empty .and. &
+                                          .not. spread(model%extension%follows, 1, ndim)
   end subroutine find_empty
 
   subroutine add_springs(model, touch)
@@ -219,20 +226,29 @@ contains
     end do
   end subroutine find_light
 
-  subroutine centre_operators(model, centre)
-    !! Strain operators of the cells' means, with the lifts of penalty walls. Collective.
+  subroutine mean_operators(model, means)
+    !! Strain operators of the parts' means, and what penalty walls lift. Collective.
     type(model_t), intent(inout) :: model
-    real(wp), allocatable, intent(out) :: centre(:, :, :)   !! (nsig, ndim*2**ndim, n_cell) [1/m]
-    real(wp), allocatable :: lift(:, :)
+    type(means_t), intent(out) :: means
     integer :: c, width
 
     if (.not. model%centred) return
     width = nsig*ndim*2**ndim
-    allocate (centre(nsig, ndim*2**ndim, model%grid%n_cell))
+    allocate (means%part(nsig, ndim*2**ndim, model%grid%n_cell))
     do c = 1, model%grid%n_cell
-      call model%quadrature%strain_operator(model%grid, c, centre(:, :, c))
+      call model%quadrature%strain_operator(model%grid, c, means%part(:, :, c))
     end do
     if (.not. model%lifted) return
+    call find_lifts(model, width, means%lift)
+  end subroutine mean_operators
+
+  subroutine find_lifts(model, width, lifts)
+    !! What penalty walls take out of the strains of parts, times their volumes. Collective.
+    type(model_t), intent(inout) :: model
+    integer, intent(in) :: width   !! numbers of a part
+    real(wp), allocatable, intent(out) :: lifts(:, :, :)   !! (nsig, ndim*2**ndim, n_cell) [m2]
+    real(wp), allocatable :: lift(:, :)
+
     allocate (lift(width, model%grid%n_cell), source=0.0_wp)
     associate (field => model%surface%field, h => model%s, m => model%surface%count)
       call model%surface_forces%lift_operators(model%scene%mechanical_condition, &
@@ -241,43 +257,107 @@ contains
     end associate
     call model%grid%cell_map%scatter_add(model%comm, width, lift)
     call model%grid%cell_map%gather(model%comm, width, lift)
-    do c = 1, model%grid%n_cell
-      if (.not. model%quadrature%measure(c) > 0.0_wp) cycle
-      centre(:, :, c) = centre(:, :, c) + reshape(lift(:, c), [nsig, ndim*2**ndim])/ &
-                        model%quadrature%measure(c)
-    end do
-  end subroutine centre_operators
+    lifts = reshape(lift, [nsig, ndim*2**ndim, model%grid%n_cell])
+  end subroutine find_lifts
 
-  subroutine operators_of_cell(model, cell, particle, centre, operators)
+  subroutine mean_of_cell(model, means, cell, node, strain, volume)
+    !! Mean strain of a cell with particles, on the nodes of all parts of its group, lifts included,
+    !! and the volume change that the water sees.
+    type(model_t), intent(in) :: model
+    type(means_t), intent(in) :: means
+    integer, intent(in) :: cell
+    integer, allocatable, intent(out) :: node(:)
+    real(wp), allocatable, intent(out) :: strain(:, :)   !! (nsig, ndim*nodes) [1/m]
+    real(wp), allocatable, intent(out) :: volume(:)      !! (ndim*nodes) [1/m]
+    integer :: k, i, a, c, first, last, column, list(2**ndim)
+    real(wp) :: whole, part(nsig, ndim*2**ndim)
+
+    associate (quadrature => model%quadrature, corner => model%grid%cell_node)
+      first = quadrature%member_start(quadrature%group(cell))
+      last = quadrature%member_start(quadrature%group(cell) + 1) - 1
+      node = corner(:, cell)
+      do k = first, last
+        c = quadrature%member(k)
+        list = corner(:, c)
+        do i = 1, 2**ndim
+          if (.not. any(node == list(i))) node = [node, list(i)]
+        end do
+      end do
+      whole = sum(quadrature%part(quadrature%member(first:last)))
+      allocate (strain(nsig, ndim*size(node)), volume(ndim*size(node)), source=0.0_wp)
+      do k = first, last
+        c = quadrature%member(k)
+        list = [(findloc(node, corner(i, c), dim=1), i=1, 2**ndim)]
+        part = 0.0_wp
+        if (allocated(means%lift)) part = means%lift(:, :, c)/whole
+        do i = 1, 2**ndim
+          do a = 1, ndim
+            column = ndim*(list(i) - 1) + a
+            associate (own => means%part(:, ndim*(i - 1) + a, c), &
+                       lifted => part(:, ndim*(i - 1) + a))
+              strain(:, column) = strain(:, column) + lifted
+              if (quadrature%host(c) == cell) strain(:, column) = strain(:, column) + &
+                                                                  quadrature%share(c)*own
+              volume(column) = volume(column) + trace_of(lifted) + &
+                               quadrature%part(c)/whole*trace_of(own)
+            end associate
+          end do
+        end do
+      end do
+    end associate
+  end subroutine mean_of_cell
+
+  pure real(wp) function trace_of(strain) result(trace)
+    !! Volume strain over the scene's directions.
+    real(wp), intent(in) :: strain(nsig)
+    integer :: a
+
+    trace = 0.0_wp
+    do a = 1, ndim
+      trace = trace + strain(voigt_slot(a, a))
+    end do
+  end function trace_of
+
+  subroutine operators_of_cell(model, cell, particle, means, operators)
     !! Strain operators of a cell's particles.
     type(model_t), intent(in) :: model
     integer, intent(in) :: cell, particle(:)
-    real(wp), allocatable, intent(in) :: centre(:, :, :)
+    type(means_t), intent(in) :: means
     type(cell_operators_t), intent(inout) :: operators
+    real(wp), allocatable :: strain(:, :), volume(:)   ! of the cell's mean, if it has one
+    integer, allocatable :: node(:)
 
-    if (model%finite .and. allocated(centre)) then
+    if (allocated(means%part)) then
+      if (model%quadrature%exact .and. .not. model%quadrature%fitted) then
+        call mean_of_cell(model, means, cell, node, strain, volume)
+        if (model%finite) deallocate (volume)   ! it is that of the deformed cell
+      else
+        strain = means%part(:, :, cell)
+        if (allocated(means%lift) .and. model%quadrature%measure(cell) > 0.0_wp) then
+          strain = strain + means%lift(:, :, cell)/model%quadrature%measure(cell)
+        end if
+      end if
+    end if
+    if (model%finite .and. allocated(strain)) then
       associate (field => model%particles%field)
         call cell_strain_operators(model%grid, cell, model%patch(particle), &
                                    field(model%p%position)%values(:, particle), &
                                    model%own_volume(particle), model%averaged, operators, &
-                                   centre=centre(:, :, cell), &
+                                   centre=strain, &
                                    inverse=model%inverse_deformation(:, :, particle), &
-                                   reference=field(model%p%reference_volume)%values(1, particle))
+                                   reference=field(model%p%reference_volume)%values(1, particle), &
+                                   mean_node=node)
       end associate
     else if (model%finite) then
       call cell_strain_operators(model%grid, cell, model%patch(particle), &
                                  model%particles%field(model%p%position)%values(:, particle), &
                                  model%own_volume(particle), model%averaged, operators, &
                                  inverse=model%inverse_deformation(:, :, particle))
-    else if (allocated(centre)) then
-      call cell_strain_operators(model%grid, cell, model%patch(particle), &
-                                 model%particles%field(model%p%position)%values(:, particle), &
-                                 model%weight(particle), model%averaged, operators, &
-                                 centre=centre(:, :, cell))
     else
       call cell_strain_operators(model%grid, cell, model%patch(particle), &
                                  model%particles%field(model%p%position)%values(:, particle), &
-                                 model%weight(particle), model%averaged, operators)
+                                 model%weight(particle), model%averaged, operators, &
+                                 centre=strain, mean_node=node, mean_volume=volume)
     end if
   end subroutine operators_of_cell
 
@@ -288,7 +368,7 @@ contains
     type(entries_t), intent(inout) :: skeleton, pressure_force, volume_change
     type(cell_operators_t) :: operators
     integer, allocatable :: start(:), particle(:)
-    real(wp), allocatable :: centre(:, :, :)
+    type(means_t) :: means
     real(wp) :: hourglass(nsig, ndim*2**ndim, 2**ndim)
     integer :: c
     logical :: walls_move
@@ -297,12 +377,12 @@ contains
       walls_move = any(kind == 'velocity' .or. kind == 'normal_velocity')
     end associate
     call cell_lists(model%particles%count, model%cell, model%grid%n_cell, start, particle)
-    call centre_operators(model, centre)
+    call mean_operators(model, means)
     call hourglass_operators(model%grid%spacing, hourglass)
     do c = 1, model%grid%n_cell
       if (start(c + 1) == start(c)) cycle
       associate (inside => particle(start(c):start(c + 1) - 1))
-        call operators_of_cell(model, c, inside, centre, operators)
+        call operators_of_cell(model, c, inside, means, operators)
         if (.not. self%is_dynamic) then
           call add_stiffness(self, model, operators, inside, hourglass, walls_move, skeleton)
         end if
@@ -337,7 +417,7 @@ contains
     logical, intent(in) :: keeps_held           !! columns of held components, too
     type(entries_t), intent(inout) :: skeleton
     real(wp) :: matrix(ndim*operators%n_node, ndim*operators%n_node), tangent(nsig, nsig)
-    integer :: p, i, j, k, m
+    integer :: p, k, m
 
     matrix = 0.0_wp
     do p = 1, size(particle)
@@ -362,39 +442,11 @@ contains
                            model%weight(particle(1))*product_of(hourglass(:, :, p), tangent)
       end do
     end if
-    call add_ties()
     matrix = matrix*(self%length/self%force)
-    do j = 1, size(matrix, 2)
-      do i = 1, size(matrix, 1)
-        call skeleton%add(row_of(i), row_of(j), sign_of(i)*sign_of(j)*matrix(i, j))
-      end do
-    end do
+    call add_matrix(self%unknowns, operators%node, matrix, skeleton)
     if (keeps_held) call keep_held(self, operators, matrix*(self%force/self%length))
 
   contains
-
-    subroutine add_ties()
-      !! Particles in small parts of cells.
-      real(wp) :: tie(2*2**ndim, 2**ndim), spring
-      integer :: node(2*2**ndim), place(2*2**ndim), a, b, d, q
-
-      do q = 1, size(particle)
-        if (.not. is_tied(model, particle(q))) cycle
-        call extension_ties(model%grid, model%cell(particle(q)), model%patch(particle(q)), node, &
-                            tie)
-        place = [(findloc(operators%node, node(a), dim=1), a=1, size(node))]
-        spring = tie_stiffness(model, particle(q))
-        do b = 1, size(node)
-          do a = 1, size(node)
-            do d = 1, ndim
-              associate (entry => matrix(ndim*(place(a) - 1) + d, ndim*(place(b) - 1) + d))
-                entry = entry + spring*dot_product(tie(a, :), tie(b, :))
-              end associate
-            end do
-          end do
-        end do
-      end do
-    end subroutine add_ties
 
     pure function product_of(strain, modulus) result(stiffness)
       !! E^T D E.
@@ -403,21 +455,35 @@ contains
 
       stiffness = matmul(transpose(strain), matmul(modulus, strain))
     end function product_of
-
-    pure integer function row_of(column)
-      !! Unknown of a column of the cell.
-      integer, intent(in) :: column
-
-      row_of = self%unknowns%row(mod(column - 1, ndim) + 1, operators%node((column - 1)/ndim + 1))
-    end function row_of
-
-    pure real(wp) function sign_of(column)
-      !! Its sign.
-      integer, intent(in) :: column
-
-      sign_of = self%unknowns%sign(mod(column - 1, ndim) + 1, operators%node((column - 1)/ndim + 1))
-    end function sign_of
   end subroutine add_stiffness
+
+  subroutine add_matrix(unknowns, node, matrix, skeleton)
+    !! A matrix on the components of a list of nodes becomes one on unknowns.
+    type(unknowns_t), intent(in) :: unknowns
+    integer, intent(in) :: node(:)
+    real(wp), intent(in) :: matrix(:, :)    !! (ndim*nodes, ndim*nodes)
+    type(entries_t), intent(inout) :: skeleton
+    integer, allocatable :: row(:)
+    real(wp), allocatable :: share(:, :), reduced(:, :), sign(:)
+    integer :: i, j
+
+    call unknowns%reduce(node, row, share)
+    if (allocated(share)) then
+      reduced = matmul(share, matmul(matrix, transpose(share)))
+      do j = 1, size(row)
+        do i = 1, size(row)
+          call skeleton%add(row(i), row(j), reduced(i, j))
+        end do
+      end do
+      return
+    end if
+    sign = reshape(unknowns%sign(:, node), [size(row)])
+    do j = 1, size(row)
+      do i = 1, size(row)
+        call skeleton%add(row(i), row(j), sign(i)*sign(j)*matrix(i, j))
+      end do
+    end do
+  end subroutine add_matrix
 
   subroutine elastic_tangent(model, p, tangent)
     !! Elastic stiffness of a particle [Pa].
@@ -509,9 +575,15 @@ contains
     integer, intent(in) :: particle(:)   !! of the cell
     logical, intent(in) :: keeps_all     !! all columns are wanted later
     type(entries_t), intent(inout) :: pressure_force, volume_change
-    real(wp) :: share, sign, bearing, saturation
-    integer :: p, i, k, a, node, row
+    real(wp), allocatable :: shares(:, :), change(:), of_row(:), sign(:)
+    integer, allocatable :: row(:)
+    real(wp) :: bearing, saturation
+    integer :: p, i, k
 
+    call self%unknowns%reduce(operators%node, row, shares)
+    if (.not. allocated(shares)) then
+      sign = reshape(self%unknowns%sign(:, operators%node), [size(row)])
+    end if
     bearing = 1.0_wp
     saturation = 1.0_wp
     do p = 1, size(particle)
@@ -523,17 +595,23 @@ contains
           bearing = saturation + pressure*retention%capacity(pressure)
         end associate
       end if
-      do i = 1, size(operators%volume, 1)
-        share = model%weight(k)*operators%volume(i, p)
-        if (.not. abs(share) > 0.0_wp) cycle
-        a = mod(i - 1, ndim) + 1
-        node = operators%node((i - 1)/ndim + 1)
-        row = self%unknowns%row(a, node)
-        sign = self%unknowns%sign(a, node)*self%length/self%volume
-        call volume_change%add(self%unknowns%particle_row(k), row, saturation*sign*share)
-        call pressure_force%add(row, self%unknowns%particle_row(k), -bearing*sign*share)
-        if (keeps_all) call self%held_water%add(k, place_of(operators, i), &
-                                                saturation*share/self%volume)
+      change = model%weight(k)*operators%volume(:, p)
+      if (keeps_all) then
+        do i = 1, size(change)
+          if (.not. abs(change(i)) > 0.0_wp) cycle
+          call self%held_water%add(k, place_of(operators, i), saturation*change(i)/self%volume)
+        end do
+      end if
+      if (allocated(shares)) then
+        of_row = matmul(shares, change)
+      else
+        of_row = sign*change
+      end if
+      of_row = of_row*(self%length/self%volume)
+      do i = 1, size(row)
+        if (.not. abs(of_row(i)) > 0.0_wp) cycle
+        call volume_change%add(self%unknowns%particle_row(k), row(i), saturation*of_row(i))
+        call pressure_force%add(row(i), self%unknowns%particle_row(k), -bearing*of_row(i))
       end do
     end do
   end subroutine add_coupling
@@ -563,7 +641,8 @@ contains
   end function place_of
 
   subroutine keep_held(self, operators, matrix)
-    !! Keeps the columns of held components, for prescribed motion.
+    !! Keeps the columns of held components, and of those that may follow them, for prescribed
+    !! motion.
     class(implicit_system_t), intent(inout) :: self
     type(cell_operators_t), intent(in) :: operators
     real(wp), intent(in) :: matrix(:, :)
@@ -571,23 +650,47 @@ contains
 
     do j = 1, size(matrix, 2)
       place = place_of(operators, j)
-      if (.not. self%unknowns%is_held(mod(place - 1, ndim) + 1, (place - 1)/ndim + 1)) cycle
+      if (.not. is_prescribed(mod(place - 1, ndim) + 1, (place - 1)/ndim + 1)) cycle
       do i = 1, size(matrix, 1)
         call self%held%add(place_of(operators, i), place, matrix(i, j))
       end do
     end do
+
+  contains
+
+    pure logical function is_prescribed(a, node)
+      !! May a component move with what is held?
+      integer, intent(in) :: a, node
+
+      is_prescribed = self%unknowns%is_held(a, node)
+      if (self%unknowns%extends) is_prescribed = is_prescribed .or. self%unknowns%follows(a, node)
+    end function is_prescribed
   end subroutine keep_held
 
   subroutine add_masses(self, model, skeleton)
-    !! Nodal masses on the diagonal.
+    !! Nodal masses: on the diagonal, but for the unknowns that other nodes follow.
     class(implicit_system_t), intent(in) :: self
     type(model_t), intent(in) :: model
     type(entries_t), intent(inout) :: skeleton
-    integer :: k, a, node
+    integer :: k, i, j, a, node
 
     do k = 1, size(self%unknowns%own_node)
       node = self%unknowns%own_node(k)
       do a = 1, ndim
+        if (self%unknowns%extends) then
+          if (self%unknowns%follows(a, node)) then
+            associate (start => self%unknowns%start, row => self%unknowns%source, &
+                       share => self%unknowns%share, place => ndim*(node - 1) + a)
+              do j = start(place), start(place + 1) - 1
+                do i = start(place), start(place + 1) - 1
+                  call skeleton%add(row(i), row(j), share(i)*share(j)*model%nodal(1, node)* &
+                                    self%length/self%force)
+                end do
+              end do
+            end associate
+            cycle
+          end if
+        end if
         call skeleton%add(self%unknowns%row(a, node), self%unknowns%row(a, node), &
                           max(model%nodal(1, node), model%inertia(node))*self%length/self%force)
       end do
@@ -647,25 +750,24 @@ contains
     type(entries_t), intent(inout) :: skeleton
     integer, allocatable :: node(:)
     real(wp), allocatable :: weight(:)
+    real(wp), allocatable :: matrix(:, :)
     real(wp) :: spring(ndim, ndim)
-    integer :: e, i, j, a, b
+    integer :: e, i, j
 
-    associate (field => model%surface%field, h => model%s, m => model%surface%count, &
-               row => self%unknowns%row, sign => self%unknowns%sign)
+    associate (field => model%surface%field, h => model%s, m => model%surface%count)
       do e = 1, size(model%surface_forces%entry_point)
         call model%surface_forces%spring(e, model%scene%mechanical_condition, &
                                          field(h%area)%values(1, 1:m), node, weight, spring)
+        if (size(node) == 0) cycle
+        allocate (matrix(ndim*size(node), ndim*size(node)))
         do j = 1, size(node)
           do i = 1, size(node)
-            do b = 1, ndim
-              do a = 1, ndim
-                call skeleton%add(row(a, node(i)), row(b, node(j)), &
-                                  sign(a, node(i))*sign(b, node(j))*weight(i)*weight(j)* &
-                                  spring(a, b)*self%length/self%force)
-              end do
-            end do
+            matrix(ndim*(i - 1) + 1:ndim*i, ndim*(j - 1) + 1:ndim*j) = &
+              weight(i)*weight(j)*(self%length/self%force)*spring
           end do
         end do
+        call add_matrix(self%unknowns, node, matrix, skeleton)
+        deallocate (matrix)
       end do
     end associate
   end subroutine add_walls
@@ -691,10 +793,11 @@ contains
     type(model_t), intent(in) :: model
     type(entries_t), intent(inout) :: skeleton
     real(wp) :: gradient(ndim, 2**ndim), f(ndim, ndim), inverse(ndim, ndim), jacobian, load
+    real(wp) :: matrix(2*ndim*2**ndim, 2*ndim*2**ndim)   ! of loaded nodes and of the point's cell
+    integer, parameter :: half = ndim*2**ndim
     integer :: e, p, i, j, k, a, b
 
-    associate (field => model%surface%field, h => model%s, forces => model%surface_forces, &
-               row => self%unknowns%row, sign => self%unknowns%sign)
+    associate (field => model%surface%field, h => model%s, forces => model%surface_forces)
       do e = 1, size(forces%entry_point)
         p = forces%entry_point(e)
         associate (condition => model%scene%mechanical_condition(forces%entry_condition(e)))
@@ -712,19 +815,19 @@ contains
           if (forces%cell(k, p) == 0) cycle
           associate (n => field(h%normal)%values(:, p), node => forces%node(:, k, p), &
                      around => model%grid%cell_node(:, model%surface_cell(p)))
+            matrix = 0.0_wp
             do j = 1, 2**ndim
               do i = 1, 2**ndim
                 do b = 1, ndim
                   do a = 1, ndim
-                    call skeleton%add(row(a, node(i)), row(b, around(j)), &
-                                      sign(a, node(i))*sign(b, around(j))*load* &
-                                      forces%weight(i, k, p)* &
-                                      (n(a)*gradient(b, j) - gradient(a, j)*n(b))* &
-                                      self%length/self%force)
+                    matrix(ndim*(i - 1) + a, half + ndim*(j - 1) + b) = &
+                      load*forces%weight(i, k, p)*(n(a)*gradient(b, j) - gradient(a, j)*n(b))* &
+                      self%length/self%force
                   end do
                 end do
               end do
             end do
+            call add_matrix(self%unknowns, [node, around], matrix, skeleton)
           end associate
         end do
       end do
@@ -882,7 +985,7 @@ contains
       cell_weight = 0.0_wp
       block_weight = 0.0_wp
       do p = 1, n
-        c = model%cell(p)
+        c = group_of(p)
         block_of(p) = model%grid%cell_block(c)
         cell_weight(c) = cell_weight(c) + w(p)
         block_weight(block_of(p)) = block_weight(block_of(p)) + w(p)
@@ -893,11 +996,11 @@ contains
           q = particle(j)
           do i = start(b), start(b + 1) - 1
             p = particle(i)
-            c = model%cell(p)
+            c = group_of(p)
             value = w(q)/block_weight(b)*(1.0_wp/model%storage%of_block(b) - &
                                           1.0_wp/model%storage%in_block(b))
             softness = 0.0_wp
-            if (model%cell(q) == c) then
+            if (group_of(q) == c) then
               stiff = 1.0_wp/model%storage%in_cell(c)
               value = value + w(q)/cell_weight(c)*(1.0_wp/model%storage%in_block(b) - stiff)
               if (p == q) value = value + stiff
@@ -909,6 +1012,16 @@ contains
         end do
       end do
     end associate
+
+  contains
+
+    pure integer function group_of(k)
+      !! Cell that stands for those that share a particle's mean pressure.
+      integer, intent(in) :: k
+
+      group_of = model%cell(k)
+      if (model%centred) group_of = model%quadrature%group(group_of)
+    end function group_of
   end subroutine add_storage
 
   pure real(wp) function volume_modulus(model, p) result(modulus)
@@ -945,15 +1058,16 @@ contains
     real(wp), intent(inout) :: force(:, :)     !! (ndim, n_node) [N]
     type(cell_operators_t) :: operators
     integer, allocatable :: start(:), particle(:)
-    real(wp), allocatable :: centre(:, :, :), internal(:, :), cell_force(:)
+    type(means_t) :: means
+    real(wp), allocatable :: internal(:, :), cell_force(:)
     integer :: c, p, k, i
 
     allocate (internal(ndim, model%grid%n_node), source=0.0_wp)
     call cell_lists(model%particles%count, model%cell, model%grid%n_cell, start, particle)
-    call centre_operators(model, centre)
+    call mean_operators(model, means)
     do c = 1, model%grid%n_cell
       if (start(c + 1) == start(c)) cycle
-      call operators_of_cell(model, c, particle(start(c):start(c + 1) - 1), centre, operators)
+      call operators_of_cell(model, c, particle(start(c):start(c + 1) - 1), means, operators)
       do p = 1, size(operators%strain, 3)
         k = particle(start(c) + p - 1)
         cell_force = -model%weight(k)* &
@@ -1101,54 +1215,10 @@ contains
         internal(:, node) = internal(:, node) - resistance(ndim*(i - 1) + 1:ndim*i)
       end do
     end do
-    do k = 1, model%particles%count
-      if (is_tied(model, k)) call add_tie_forces(model, k, motion, internal)
-    end do
     call model%grid%node_map%scatter_add(model%comm, ndim, internal)
     call model%grid%node_map%gather(model%comm, ndim, internal)
     force = force + internal
   end subroutine add_hourglass_forces
-
-  pure logical function is_tied(model, p)
-    !! Do too few particles stand for a small part of a cell, whose corners then hang on the
-    !! host's?
-    type(model_t), intent(in) :: model
-    integer, intent(in) :: p
-
-    is_tied = model%centred .and. model%grid%width == 2 .and. ndim > 1
-    if (is_tied) is_tied = model%quadrature%exact .and. .not. model%quadrature%fitted
-    if (is_tied) is_tied = model%quadrature%is_hollow(model%patch(p))
-  end function is_tied
-
-  real(wp) function tie_stiffness(model, p) result(stiffness)
-    !! Of the corners of a particle's small part of a cell [N/m].
-    type(model_t), intent(in) :: model
-    integer, intent(in) :: p
-    real(wp) :: tangent(nsig, nsig)
-
-    call elastic_tangent(model, p, tangent)
-    stiffness = hourglass_stiffness*tangent(nsig, nsig)*model%weight(p)/model%grid%spacing**2
-  end function tie_stiffness
-
-  subroutine add_tie_forces(model, p, motion, force)
-    !! Forces by which these corners resist a motion.
-    type(model_t), intent(in) :: model
-    integer, intent(in) :: p
-    real(wp), intent(in) :: motion(:, :)      !! (ndim, n_node) [m]
-    real(wp), intent(inout) :: force(:, :)    !! (ndim, n_node) [N]
-    real(wp) :: tie(2*2**ndim, 2**ndim), spring
-    integer :: node(2*2**ndim), i, k
-    real(wp) :: gap(ndim)
-
-    call extension_ties(model%grid, model%cell(p), model%patch(p), node, tie)
-    spring = tie_stiffness(model, p)
-    do i = 1, 2**ndim
-      gap = matmul(motion(:, node), tie(:, i))
-      do k = 1, size(node)
-        force(:, node(k)) = force(:, node(k)) - spring*tie(k, i)*gap
-      end do
-    end do
-  end subroutine add_tie_forces
 
   subroutine implicit_solve(self, model, flow_weight, force, time, prescribed, has_prescribed, &
                             supply, tolerance, is_guess, motion, pressure, err, without_loads)

@@ -16,6 +16,7 @@ module dosui_model
   use dosui_log, only: log_t
   use dosui_materials, only: material_set_t
   use dosui_nodal_conditions, only: nodal_conditions_t
+  use dosui_nodal_extension, only: nodal_extension_t
   use dosui_particle_fields, only: particle_handles_t, surface_handles_t
   use dosui_partition, only: partition_statistics_t
   use dosui_point_set, only: point_set_t
@@ -102,6 +103,7 @@ module dosui_model
     type(surface_forces_t) :: surface_forces
     type(cell_average_t) :: average
     type(cell_quadrature_t) :: quadrature
+    type(nodal_extension_t) :: extension   !! nodes that the body hardly touches
     real(wp), allocatable :: strain_increment(:, :)   !! (nsig, particles) of the step [-]
     real(wp), allocatable :: spin(:, :)               !! (nshear, particles) in updated scenes [-]
     real(wp), allocatable :: no_state(:, :)           !! (0, n) for materials without state

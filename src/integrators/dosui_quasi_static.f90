@@ -645,7 +645,10 @@ contains
       call self%system%unknowns%prescribe(model, model%clock%time, time, stage%held, stage%has_held)
     end if
     if (is_guess) then   ! else the first iteration distributes it over the body
-      if (stage%has_held) motion = merge(stage%held, motion, self%system%unknowns%is_held)
+      if (stage%has_held) then
+        motion = merge(stage%held, motion, self%system%unknowns%is_held)
+        call self%system%unknowns%expand(model, motion)
+      end if
       stage%has_held = .false.
     end if
     stage%damps = model%nonlinear
@@ -989,6 +992,7 @@ contains
       field%values = velocity
     end associate
     call self%system%add_resistance(model, motion, force)
+    call self%system%unknowns%fold(model, force)
   end subroutine force_residual
 
   subroutine advance_within(self, model, step, pressure_step, motion, pressure, err)

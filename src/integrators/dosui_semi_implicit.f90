@@ -16,7 +16,7 @@ module dosui_semi_implicit
   use dosui_dimension, only: ndim, nsig, voigt_slot
   use dosui_cell_average, only: cell_sums
   use dosui_error, only: error_t
-  use dosui_explicit, only: damping_limit, fastest_particle
+  use dosui_explicit, only: cut_share, damping_limit, fastest_particle
   use dosui_force_balance, only: book_held_by_walls, book_reactions, book_rigid_wall, want_forces
   use dosui_implicit_system, only: implicit_system_t
   use dosui_model, only: balance_t, model_t
@@ -130,18 +130,14 @@ contains
     !! What penalty walls add to the forces of the changes of the pressures. Collective.
     type(model_t), intent(inout) :: model
     real(wp), intent(in) :: pressure(:)   !! [Pa]
-    real(wp) :: content(model%grid%n_cell), stress(nsig, model%grid%n_cell)
-    integer :: a, c
+    real(wp) :: mean(model%grid%n_cell), stress(nsig, model%grid%n_cell)
+    integer :: a
 
-    call cell_sums(size(pressure), model%cell, model%weight, pressure, size(content), content)
-    call model%grid%cell_map%scatter_add(model%comm, 1, content)
-    call model%grid%cell_map%gather(model%comm, 1, content)
+    call cell_sums(size(pressure), model%cell, model%weight, pressure, size(mean), mean)
+    call model%average%group_means(model%comm, model%grid, 1, mean)
     stress = 0.0_wp
-    do c = 1, size(content)
-      if (.not. model%quadrature%measure(c) > 0.0_wp) cycle
-      do a = 1, ndim
-        stress(voigt_slot(a, a), c) = -content(c)/model%quadrature%measure(c)
-      end do
+    do a = 1, ndim
+      stress(voigt_slot(a, a), :) = -mean
     end do
     call book_reactions(model, stress)
   end subroutine report_lifted
@@ -287,7 +283,7 @@ contains
 
     associate (courant => model%scene%time%courant, h => model%scene%grid_spacing)
       limits(1)%name = 'skeleton wave speed'
-      limits(1)%dt = courant*h/sqrt(model%skeleton_modulus/model%density)
+      limits(1)%dt = cut_share(model)*courant*h/sqrt(model%skeleton_modulus/model%density)
       if (model%lifted) then
         limits(4)%name = 'walls off the grid lines'
         limits(4)%dt = wall_share*limits(1)%dt

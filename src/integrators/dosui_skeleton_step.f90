@@ -5,6 +5,7 @@ module dosui_skeleton_step
   use dosui_cell_average, only: cell_sums, cell_tensor_sums, cell_trace_sums
   use dosui_damping, only: damp_forces, damping_at, damping_none
   use dosui_error, only: error_t
+  use dosui_extended_nodes, only: fold_nodal, held_components, solve_nodal
   use dosui_finite_strain, only: carried_area
   use dosui_force_balance, only: begin_forces, book_reactions, book_rigid_wall, book_sources, &
                                  book_surface_forces, close_step, keep_undamped
@@ -102,6 +103,12 @@ contains
     call model%quadrature%forces(model%grid, model%average%cell_weight, stress, &
                                  model%nodal(2 + ndim:, :))
     if (.not. model%lifted) return
+    if (model%quadrature%has_groups) then   ! lifts act on whole groups
+      do a = 1, nsig
+        stress(a, :) = model%average%cell_weight*stress(a, :)
+      end do
+      call model%average%group_means(model%comm, model%grid, nsig, stress)
+    end if
     if (model%reactions%is_wanted) call book_reactions(model, stress)
     associate (field => model%surface%field, h => model%s, m => model%surface%count)
       call model%surface_forces%react(model%scene%mechanical_condition, &
@@ -155,7 +162,7 @@ contains
   end subroutine spread_averaged
 
   subroutine mean_cell_pressures(model, pressure)
-    !! Cell means of the pore pressure, compression positive [Pa].
+    !! Means of the pore pressure over cells or their groups, compression positive [Pa].
     type(model_t), intent(inout) :: model
     real(wp), intent(out) :: pressure(:)
 
@@ -167,7 +174,7 @@ contains
                      model%particles%field(model%p%pore_pressure)%values, model%grid%n_cell, &
                      pressure)
     end if
-    call model%average%cell_means(model%comm, model%grid, 1, pressure)
+    call model%average%group_means(model%comm, model%grid, 1, pressure)
   end subroutine mean_cell_pressures
 
   subroutine spread_pointwise(model, gravity)
@@ -251,29 +258,42 @@ contains
     type(model_t), intent(inout) :: model
     logical, intent(inout), optional :: is_held(:, :)   !! as from `meet_walls`
     real(wp), intent(inout), optional :: taken(:, :)    !! likewise [m/s]
+    logical, allocatable :: held(:, :)
+    real(wp), allocatable :: known(:, :)
+    integer, allocatable :: plate(:, :)
 
     call model%timers%start(model%phase%nodes)
+    if (model%extension%is_on) then
+      call held_components(model, model%clock%time + model%clock%dt, .false., held, known, plate)
+      call fold_nodal(model, held)
+    end if
     if (model%damping_kind /= damping_none) then
       if (model%reactions%is_wanted) call keep_undamped(model)
       call damp_forces(model%damping_kind, &
                        damping_at(model%damping_kind, model%damping, model%damping_start, &
                                   model%clock%time), model%grid%n_node, model%nodal)
     end if
-    call advance_velocities(model%grid%n_node, model%clock%dt, light_node_mass(model), &
-                            model%inertia, model%nodal, &
-                            model%velocity_old, model%velocity)
-    call model%nodal_conditions%apply(model%comm, model%scene%mechanical_condition, model%grid, &
-                                      model%clock%time + model%clock%dt, model%clock%dt, &
-                                      max(model%nodal(1, :), model%inertia), model%velocity_old, &
-                                      model%velocity)
-    if (allocated(model%scene%rigid_wall)) call meet_rigid_walls(model, is_held, taken)
+    if (model%extension%is_on) then
+      call solve_nodal(model, model%clock%dt, model%clock%time + model%clock%dt, .false., held, &
+                       known, plate, light_node_mass(model))
+    else
+      call advance_velocities(model%grid%n_node, model%clock%dt, light_node_mass(model), &
+                              model%inertia, model%nodal, &
+                              model%velocity_old, model%velocity)
+      call model%nodal_conditions%apply(model%comm, model%scene%mechanical_condition, model%grid, &
+                                        model%clock%time + model%clock%dt, model%clock%dt, &
+                                        max(model%nodal(1, :), model%inertia), &
+                                        model%velocity_old, model%velocity)
+    end if
+    if (allocated(model%scene%rigid_wall)) call meet_rigid_walls(model, held, is_held, taken)
     call model%timers%stop(model%phase%nodes)
   end subroutine update_nodes
 
-  subroutine meet_rigid_walls(model, is_held, taken)
+  subroutine meet_rigid_walls(model, held, is_held, taken)
     !! Stops nodes at rigid walls. Books the impulse that these give, and what nodes do not get
-    !! that particles hardly touch.
+    !! that particles hardly touch. Nodes that follow others do so again; then walls stop them.
     type(model_t), intent(inout) :: model
+    logical, allocatable, intent(in) :: held(:, :)      !! by conditions on nodes, with an extension
     logical, intent(inout), optional :: is_held(:, :)   !! as from `meet_walls`
     real(wp), intent(inout), optional :: taken(:, :)    !! likewise [m/s]
     real(wp), allocatable :: before(:, :)
@@ -281,9 +301,22 @@ contains
 
     before = model%velocity
     if (model%reactions%is_wanted) then
-      call meet_one_by_one(model, model%clock%dt, is_held, taken)
+      call meet_one_by_one(model, model%clock%dt, is_held, taken, held)
     else
       call meet_walls(model%scene%rigid_wall, model%grid, model%velocity, is_held, taken)
+    end if
+    if (model%extension%is_on) then
+      call model%extension%expand(model%comm, model%grid, ndim, model%velocity, held)
+      do i = 1, model%grid%n_node   ! they meet walls once more
+        if (.not. model%extension%follows(i)) cycle
+        if (present(is_held)) is_held(:, i) = .false.
+        if (present(taken)) taken(:, i) = 0.0_wp
+      end do
+      if (model%reactions%is_wanted) then
+        call meet_one_by_one(model, model%clock%dt, is_held, taken)
+      else
+        call meet_walls(model%scene%rigid_wall, model%grid, model%velocity, is_held, taken)
+      end if
     end if
     if (model%relaxing) return
     call book_wall_impulse(model, before)
@@ -295,18 +328,22 @@ contains
     end do
   end subroutine meet_rigid_walls
 
-  subroutine meet_one_by_one(model, dt, is_held, taken)
-    !! As `meet_walls`, and books the force of every wall.
+  subroutine meet_one_by_one(model, dt, is_held, taken, held)
+    !! As `meet_walls`, and books the force of every wall: with what its nodes lead, where held
+    !! components are given.
     type(model_t), intent(inout) :: model
     real(wp), intent(in) :: dt                          !! [s]
     logical, intent(inout), optional :: is_held(:, :)   !! as from `meet_walls`
     real(wp), intent(inout), optional :: taken(:, :)    !! likewise [m/s]
+    logical, intent(in), optional :: held(:, :)         !! by conditions on nodes
     real(wp), allocatable :: before(:, :)
     integer :: k
 
     do k = 1, size(model%scene%rigid_wall)
       before = model%velocity
       call meet_walls(model%scene%rigid_wall(k:k), model%grid, model%velocity, is_held, taken)
+      if (present(held)) call model%extension%expand(model%comm, model%grid, ndim, &
+                                                     model%velocity, held)
       call book_rigid_wall(model, k, dt, before)
       if (.not. present(is_held)) cycle
       where (is_held .and. model%reactions%holder == 0) model%reactions%holder = k
@@ -325,18 +362,31 @@ contains
     !! Forces before the first step: of a body that begins to move. Collective.
     type(model_t), intent(inout) :: model
     real(wp), parameter :: second = 1.0_wp   ! accelerations are velocities after it [s]
+    logical, allocatable :: held(:, :)
+    real(wp), allocatable :: known(:, :)
+    integer, allocatable :: plate(:, :)
 
     call model%reactions%want(model%clock%time, second, 0_i8)
     if (.not. model%reactions%is_wanted) return
     call gather_forces(model)
     model%nodal(2:1 + ndim, :) = 0.0_wp
-    call advance_velocities(model%grid%n_node, second, light_node_mass(model), model%inertia, &
-                            model%nodal, model%velocity_old, model%velocity)
-    call model%nodal_conditions%apply(model%comm, model%scene%mechanical_condition, model%grid, &
-                                      model%clock%time, second, &
-                                      max(model%nodal(1, :), model%inertia), model%velocity_old, &
-                                      model%velocity, at_rest=.true.)
-    if (allocated(model%scene%rigid_wall)) call meet_one_by_one(model, second)
+    if (model%extension%is_on) then
+      call held_components(model, model%clock%time + second, .true., held, known, plate)
+      call fold_nodal(model, held)
+      call solve_nodal(model, second, model%clock%time + second, .true., held, known, plate, &
+                       light_node_mass(model))
+    else
+      call advance_velocities(model%grid%n_node, second, light_node_mass(model), model%inertia, &
+                              model%nodal, model%velocity_old, model%velocity)
+      call model%nodal_conditions%apply(model%comm, model%scene%mechanical_condition, model%grid, &
+                                        model%clock%time, second, &
+                                        max(model%nodal(1, :), model%inertia), &
+                                        model%velocity_old, model%velocity, at_rest=.true.)
+    end if
+    if (allocated(model%scene%rigid_wall)) then
+      call meet_one_by_one(model, second, held=held)
+      if (model%extension%is_on) call meet_one_by_one(model, second)
+    end if
     call close_step(model, second, flip_share(model), light_node_mass(model), at_start=.true.)
   end subroutine start_forces
 
@@ -370,6 +420,10 @@ contains
     type(model_t), intent(inout) :: model
     real(wp), intent(out) :: acceleration(:, :)   !! (ndim, n_node) [m/s2]
 
+    if (model%extension%is_on) then
+      call accelerate_extended(model, acceleration)
+      return
+    end if
     call advance_velocities(model%grid%n_node, 1.0_wp, light_node_mass(model), &
                             model%inertia, model%nodal, &
                             model%velocity_old, acceleration)
@@ -381,6 +435,37 @@ contains
       call rest_on_walls(model%scene%rigid_wall, model%grid, acceleration)
     end if
   end subroutine nodal_accelerations
+
+  subroutine accelerate_extended(model, acceleration)
+    !! As `nodal_accelerations`, where nodes follow others: the accelerations of the restricted
+    !! masses, so that the operator stays self-adjoint in the masses.
+    type(model_t), intent(inout) :: model
+    real(wp), intent(inout) :: acceleration(:, :)   !! (ndim, n_node) [m/s2]
+    logical, allocatable :: held(:, :)
+    real(wp), allocatable :: known(:, :), velocity(:, :)
+    integer, allocatable :: plate(:, :)
+
+    call held_components(model, model%clock%time, .true., held, known, plate)
+    if (allocated(model%scene%rigid_wall)) then
+      acceleration = 1.0_wp   ! what walls hold comes out as 0
+      call rest_on_walls(model%scene%rigid_wall, model%grid, acceleration)
+      where (.not. abs(acceleration) > 0.0_wp)
+        held = .true.
+        plate = 0
+        known = 0.0_wp
+      end where
+    end if
+    velocity = model%velocity
+    model%nodal(2:1 + ndim, :) = 0.0_wp
+    call fold_nodal(model, held)
+    call solve_nodal(model, 1.0_wp, model%clock%time, .true., held, known, plate, &
+                     light_node_mass(model))
+    acceleration = model%velocity
+    model%velocity = velocity
+    if (allocated(model%scene%rigid_wall)) then   ! of walls along no axis
+      call rest_on_walls(model%scene%rigid_wall, model%grid, acceleration)
+    end if
+  end subroutine accelerate_extended
 
   pure real(wp) function light_node_mass(model) result(mass)
     !! Nodes with no more than this keep their velocity [kg].
@@ -503,15 +588,24 @@ contains
   end subroutine move_particles
 
   subroutine find_volume_strain(model, cell_strain)
-    !! Volume change of the step as the water sees it: the cell's or the particle's own.
+    !! Volume change of the step as the water sees it: that of the cell's group, or the particle's
+    !! own. Collective.
     type(model_t), intent(inout) :: model
     real(wp), allocatable, intent(in) :: cell_strain(:)
+    real(wp), allocatable :: water_strain(:)
     integer :: p, d
 
     if (.not. model%coupled) return
+    if (allocated(cell_strain)) then
+      water_strain = cell_strain
+      if (model%centred .and. model%quadrature%has_groups) then
+        water_strain = model%average%cell_weight*cell_strain
+        call model%average%group_means(model%comm, model%grid, 1, water_strain)
+      end if
+    end if
     do p = 1, model%particles%count
       if (allocated(cell_strain)) then
-        model%volume_strain(p) = cell_strain(model%cell(p))
+        model%volume_strain(p) = water_strain(model%cell(p))
         cycle
       end if
       model%volume_strain(p) = 0.0_wp
@@ -567,11 +661,13 @@ contains
                                      field(h%area)%values(1, 1:m), &
                                      field(h%normal)%values(:, 1:m), model%velocity, lift)
     end associate
-    call model%grid%cell_map%scatter_add(model%comm, nsig, lift)
-    call model%grid%cell_map%gather(model%comm, nsig, lift)
+    call model%average%group_sums(model%comm, model%grid, nsig, lift)
     do c = 1, model%grid%n_cell
-      if (.not. model%quadrature%measure(c) > 0.0_wp) cycle
-      strain(:, c) = strain(:, c) + lift(:, c)*(model%clock%dt/model%quadrature%measure(c))
+      if (model%quadrature%has_groups) then
+        strain(:, c) = strain(:, c) + lift(:, c)*(model%clock%dt*model%average%group_inverse(c))
+      else if (model%quadrature%measure(c) > 0.0_wp) then
+        strain(:, c) = strain(:, c) + lift(:, c)*(model%clock%dt/model%quadrature%measure(c))
+      end if
     end do
   end subroutine lift_walls
 

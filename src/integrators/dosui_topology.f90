@@ -33,6 +33,7 @@ module dosui_topology
   real(wp), parameter :: inward = 1.0e-3_wp          !! surface points lie in the cell inside [h]
   real(wp), parameter :: imbalance_limit = 1.2_wp    !! repartition above this
   real(wp), parameter :: stiffest_walls = 1.0e3_wp   !! penalty walls over the drained modulus [-]
+  real(wp), parameter :: least_filling = 0.5_wp      !! of an uncut cell, to be full [-]
   integer(i8), parameter :: bricks_per_rank = 64_i8  !! aimed at
 
 contains
@@ -139,29 +140,24 @@ contains
   end subroutine sort_points
 
   subroutine join_parts(model, err)
-    !! Brings the particles and surface points of parts of cells to the owner of the cell that these
-    !! parts belong to, and builds the geometry again if any moved: no cell and no block of cells
-    !! is then shared by ranks, which implicit integrators need. Collective.
+    !! Brings particles to the owner of the first cell of their group, and builds the geometry again
+    !! if any moved: no cell, group and block of cells is then shared by ranks, which implicit
+    !! integrators need. Collective.
     type(model_t), intent(inout) :: model
     type(error_t), intent(inout) :: err
-    real(wp), allocatable :: place(:, :), surface_place(:, :)
+    real(wp), allocatable :: place(:, :)
     logical :: moves
     integer :: p
 
     if (.not. model%centred .or. model%comm%size == 1) return
-    if (.not. model%quadrature%exact .or. model%quadrature%fitted) return
-    allocate (place(ndim, model%particles%count), surface_place(ndim, model%surface%count))
+    if (.not. (model%quadrature%exact .and. model%quadrature%has_groups)) return
+    allocate (place(ndim, model%particles%count))
     do p = 1, model%particles%count
-      place(:, p) = cell_centre(model, model%cell(p))
+      place(:, p) = cell_centre(model, model%quadrature%group(model%cell(p)))
     end do
-    call inward_positions(model, surface_place)
-    do p = 1, model%surface%count
-      if (model%surface_cell(p) > 0) surface_place(:, p) = cell_centre(model, model%surface_cell(p))
-    end do
-    moves = .not. (is_home(model, place) .and. is_home(model, surface_place))
+    moves = .not. is_home(model, place)
     if (.not. model%comm%any(moves)) return
     call send_home(model, model%particles, place)
-    call send_home(model, model%surface, surface_place)
     call sort_points(model)
     call build_geometry(model, err)
   end subroutine join_parts
@@ -311,7 +307,8 @@ contains
     if (model%updated) then
       margin = moving_margin(model)
     else if (model%centred .and. .not. is_fitted(model)) then
-      margin = 2.0_wp*model%scene%grid_spacing   ! parts of cells look for their neighbours
+      ! parts of cells look for others, and ranks want to know what these find
+      margin = merge(2.0_wp, 4.0_wp, model%comm%size == 1)*model%scene%grid_spacing
     end if
     call inward_positions(model, inside)
     call model%grid%build(model%comm, model%scene%grid_spacing, model%scene%grid_origin, &
@@ -421,8 +418,8 @@ contains
     !! Conditions on nodes, tractions and walls.
     type(model_t), intent(inout) :: model
     integer, intent(in) :: handle   !! positions that the geometry is built from
-    real(wp), allocatable :: nodal(:, :), held(:, :)
-    integer, allocatable :: patch(:), cell(:), host(:)
+    real(wp), allocatable :: nodal(:, :), held(:, :), edge(:, :, :)
+    integer, allocatable :: patch(:), cell(:)
     integer :: n, m, n_lost, surface_handle
 
     n = model%particles%count
@@ -436,10 +433,6 @@ contains
     if (model%centred) call build_quadrature(model, handle, surface_handle, cell)
     call choose_imposition(model, surface_handle)
     associate (field => model%surface%field, h => model%s)
-      call model%nodal_conditions%init(model%comm, model%scene%mechanical_condition, model%grid, &
-                                       m, model%surface_cell, &
-                                       field(surface_handle)%values(:, 1:m), &
-                                       field(h%normal)%values(:, 1:m), model%on_nodes)
       allocate (nodal(1 + 2*ndim, model%grid%n_node))
       call particles_to_grid(model%grid, n, patch, model%particles%field(handle)%values, &
                              model%particles%field(model%p%velocity)%values, &
@@ -449,20 +442,112 @@ contains
                              model%scene%gravity, nodal)
       call model%grid%node_map%scatter_add(model%comm, 1 + 2*ndim, nodal)
       call model%grid%node_map%gather(model%comm, 1 + 2*ndim, nodal)
-      if (model%quadrature%exact .and. .not. model%quadrature%fitted) then
-        host = model%quadrature%host
-      end if
+      call build_extension(model, n, patch, cell, handle)
+      if (h%edge > 0) edge = reshape(field(h%edge)%values(:, 1:m), [ndim, max(ndim - 1, 1), m])
       if (h%held > 0) held = field(h%held)%values(:, 1:m)
       call model%surface_forces%init(model%comm, model%grid, m, model%surface_cell, &
                                      field(surface_handle)%values(:, 1:m), &
                                      field(h%normal)%values(:, 1:m), &
                                      field(h%area)%values(1, 1:m), nodal(1, :), model%density, &
                                      wall_modulus(model), model%scene%mechanics%penalty, &
-                                     model%by_force, host, held)
+                                     model%by_force, model%quadrature%exact .and. &
+                                     .not. model%quadrature%fitted, held, edge)
+      if (model%quadrature%exact .and. .not. model%quadrature%fitted) then
+        call hold_nodes_of_parts(model)
+      else
+        call model%nodal_conditions%init(model%comm, model%scene%mechanical_condition, &
+                                         model%grid, m, model%surface_cell, &
+                                         field(surface_handle)%values(:, 1:m), &
+                                         field(h%normal)%values(:, 1:m), model%on_nodes)
+      end if
     end associate
     model%lifted = model%centred .and. &
                    model%comm%any(model%surface_forces%has_lifts(model%scene%mechanical_condition))
   end subroutine build_conditions
+
+  subroutine hold_nodes_of_parts(model)
+    !! Conditions on nodes where pieces of surface are cut by the cells: the part in each cell holds
+    !! that cell's nodes, also where a body ends a little beyond a node. Collective.
+    type(model_t), intent(inout) :: model
+    integer, allocatable :: point(:), part(:)
+    real(wp), allocatable :: position(:, :)
+    real(wp) :: hat
+    integer :: i, k, q
+
+    associate (forces => model%surface_forces)
+      point = pack(spread([(k, k=1, forces%n_point)], 1, forces%n_part), forces%cell > 0)
+      part = pack(spread([(k, k=1, forces%n_part)], 2, forces%n_point), forces%cell > 0)
+      allocate (position(ndim, size(point)))
+      do q = 1, size(point)   ! hats give a part's middle
+        position(:, q) = 0.0_wp
+        hat = sum(forces%weight(:, part(q), point(q)))
+        do i = 1, 2**ndim
+          position(:, q) = position(:, q) + forces%weight(i, part(q), point(q))/hat* &
+                           real(model%grid%corner_index(i, forces%cell(part(q), point(q))), wp)
+        end do
+        position(:, q) = model%grid%origin + model%grid%spacing*position(:, q)
+      end do
+      call model%nodal_conditions%init(model%comm, model%scene%mechanical_condition, model%grid, &
+                                       size(point), [(forces%cell(part(q), point(q)), &
+                                                      q=1, size(point))], position, &
+                                       model%surface%field(model%s%normal)%values(:, point), &
+                                       model%on_nodes(:, point))
+    end associate
+  end subroutine hold_nodes_of_parts
+
+  subroutine build_extension(model, n, patch, cell, handle)
+    !! Nodes that the body hardly touches follow others. Volumes are those that the particles'
+    !! masses stand for, so that nothing depends on when a restart comes. Collective.
+    type(model_t), intent(inout) :: model
+    integer, intent(in) :: n, patch(n), cell(n)   !! of the particles where the geometry is built
+    integer, intent(in) :: handle                 !! their positions
+    real(wp), allocatable :: nodal(:, :), cells(:, :), amount(:), none(:), filling(:)
+    logical, allocatable :: wanted(:)
+    integer :: c, p
+
+    allocate (amount(n), none(n), cells(2, model%grid%n_cell), nodal(1 + 2*ndim, model%grid%n_node))
+    none = 0.0_wp
+    cells = 0.0_wp
+    associate (field => model%particles%field, h => model%p)
+      do p = 1, n
+        if (model%finite) then   ! masses change with the water
+          amount(p) = field(h%reference_volume)%values(1, p)
+        else if (.not. model%updated) then
+          amount(p) = field(h%volume)%values(1, p)
+        else
+          amount(p) = field(h%mass)%values(1, p)/ &
+                      (model%scene%mixture_density(model%material(p))* &
+                       model%scene%mechanics%density_scaling)
+        end if
+        amount(p) = amount(p)/model%grid%spacing**ndim
+        cells(:, cell(p)) = cells(:, cell(p)) + [1.0_wp, amount(p)]
+      end do
+      call particles_to_grid(model%grid, n, patch, field(handle)%values, field(h%velocity)%values, &
+                             amount, none, field(h%effective_stress)%values, model%scene%gravity, &
+                             nodal)
+    end associate
+    call model%grid%node_map%scatter_add(model%comm, 1 + 2*ndim, nodal)
+    call model%grid%node_map%gather(model%comm, 1 + 2*ndim, nodal)
+    call model%grid%cell_map%scatter_add(model%comm, 2, cells)
+    call model%grid%cell_map%gather(model%comm, 2, cells)
+    filling = cells(2, :)
+    if (model%centred) then
+      if (model%quadrature%exact) then
+        filling = model%quadrature%part/model%grid%spacing**ndim
+      else
+        where (filling > least_filling .and. .not. model%quadrature%is_cut) filling = 1.0_wp
+      end if
+    end if
+    allocate (wanted(model%grid%n_node), source=model%updated)
+    do p = 1, n
+      wanted(model%grid%patch_node(:, patch(p))) = .true.
+    end do
+    do c = 1, model%grid%n_cell
+      if (filling(c) > 0.0_wp) wanted(model%grid%cell_node(:, c)) = .true.
+    end do
+    call model%extension%init(model%comm, model%grid, filling, cells(1, :) > 0.5_wp, nodal(1, :), &
+                              wanted, model%updated)
+  end subroutine build_extension
 
   pure real(wp) function wall_modulus(model) result(modulus)
     !! The modulus that penalty walls resist: the stiffest one that steps see, as far as the
@@ -475,8 +560,8 @@ contains
   end function wall_modulus
 
   subroutine build_quadrature(model, handle, surface_handle, cell)
-    !! Measures and gradients of cells. In small-strain scenes particles and surface points of
-    !! small parts of cells move to the cells that these parts belong to.
+    !! Measures and gradients of cells. In small-strain scenes groups of cells stand for their
+    !! members in the blocks of the water's storage.
     type(model_t), intent(inout) :: model
     integer, intent(in) :: handle, surface_handle   !! positions
     integer, intent(in) :: cell(:)                  !! of the particles there
@@ -486,11 +571,9 @@ contains
     n = model%particles%count
     if (.not. model%updated) then
       call model%quadrature%init_from_shapes(model%comm, model%grid, model%scene%region, n, cell)
-      model%cell = model%quadrature%host(model%cell)
-      do p = 1, model%surface%count
-        if (model%surface_cell(p) > 0) model%surface_cell(p) = &
-          model%quadrature%host(model%surface_cell(p))
-      end do
+      if (model%quadrature%has_groups) then
+        model%grid%cell_block = model%grid%cell_block(model%quadrature%group)
+      end if
       return
     end if
     allocate (cuts(model%surface%count))
@@ -517,7 +600,7 @@ contains
         do i = 1, 2**ndim
           node = model%grid%cell_node(i, c)
           inertia(1, node) = inertia(1, node) + &
-                             0.5_wp*model%density*model%quadrature%measure(c)/2**ndim
+                             0.5_wp*model%density*model%quadrature%part(c)/2**ndim
         end do
       end do
       call model%grid%node_map%scatter_add(model%comm, 1, inertia)
@@ -578,9 +661,24 @@ contains
         model%weight = volume(1, 1:n)
       end if
       if (model%averaged .or. model%coupled) then
-        call model%average%set_weights(model%comm, model%grid, n, model%cell, model%weight)
+        call set_average(model%quadrature%group)
       end if
     end associate
+
+  contains
+
+    subroutine set_average(group)
+      !! Weights of cells, and of groups where there are any.
+      integer, allocatable, intent(in) :: group(:)
+
+      if (model%centred .and. model%quadrature%has_groups) then
+        call model%average%set_weights(model%comm, model%grid, model%particles%count, model%cell, &
+                                       model%weight, group)
+      else
+        call model%average%set_weights(model%comm, model%grid, model%particles%count, model%cell, &
+                                       model%weight)
+      end if
+    end subroutine set_average
   end subroutine refresh_weights
 
   subroutine choose_imposition(model, handle)
@@ -775,13 +873,13 @@ contains
   contains
 
     subroutine means(values, cell_means, block_means)
-      !! Volume-weighted means over cells and blocks.
+      !! Volume-weighted means over cells or their groups, and over blocks.
       real(wp), intent(in) :: values(:)
       real(wp), intent(inout) :: cell_means(:, :), block_means(:, :)
 
       call cell_sums(n, model%cell, model%weight, values, model%grid%n_cell, sums)
       call model%average%block_means(model%comm, model%grid, 1, sums, block_means)
-      call model%average%cell_means(model%comm, model%grid, 1, sums)
+      call model%average%group_means(model%comm, model%grid, 1, sums)
       cell_means(1, :) = sums
     end subroutine means
   end subroutine refresh_storage

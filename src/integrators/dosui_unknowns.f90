@@ -2,7 +2,8 @@
 !! over all ranks, with the conditions of motion built in.
 !!
 !! Held and empty nodes keep a row of their own with a one on the diagonal. The nodes of a rigid
-!! plate share one unknown, the row of the first of them.
+!! plate share one unknown, the row of the first of them. Components of nodes that follow others
+!! (`dosui_nodal_extension`) are sums of unknowns, unless a condition holds them: conditions win.
 module dosui_unknowns
   use dosui_kinds, only: wp, i8
   use dosui_dimension, only: ndim
@@ -21,6 +22,11 @@ module dosui_unknowns
     integer, allocatable :: own_node(:)     !! owned nodes in the order of rows
     integer, allocatable :: particle_row(:) !! of owned and ghost particles, from 0
     integer, allocatable :: plate_row(:)    !! (plates) shared unknown, -1: no node
+    logical :: extends = .false.            !! components follow several unknowns, on any rank
+    logical, allocatable :: follows(:, :)   !! (ndim, n_node) with `extends`: such components
+    integer, allocatable :: start(:)   !! (ndim*n_node + 1) likewise: unknowns of each component ...
+    integer, allocatable :: source(:)  !! ... from 0
+    real(wp), allocatable :: share(:)  !! ... component = sum of share*unknown [-]
     logical, allocatable, private :: plate_is_mine(:)   !! its row is this rank's
   contains
     procedure :: build => unknowns_build
@@ -28,6 +34,10 @@ module dosui_unknowns
     procedure :: to_nodes => unknowns_to_nodes
     procedure :: to_unknowns => unknowns_to_unknowns
     procedure :: prescribe => unknowns_prescribe
+    procedure :: fold => unknowns_fold
+    procedure :: expand => unknowns_expand
+    procedure :: reduce => unknowns_reduce
+    procedure, private :: follow
     procedure, private :: number_nodes
     procedure, private :: number_plates
   end type unknowns_t
@@ -62,7 +72,140 @@ contains
     self%row = merge(no_row, self%own_row, is_empty)
     self%sign = merge(0.0_wp, 1.0_wp, is_empty)
     call self%number_plates(model)
+    self%extends = model%extension%is_on
+    if (self%extends) call self%follow(model)
   end subroutine unknowns_build
+
+  subroutine follow(self, model)
+    !! The unknowns that components of nodes follow. Collective.
+    class(unknowns_t), intent(inout) :: self
+    type(model_t), intent(inout) :: model
+    real(wp), allocatable :: strip(:, :)   ! rows and signs of the sources' components
+    logical, allocatable :: is_constrained(:, :)
+    integer :: a, k, i, n, r, s, pass
+
+    associate (extension => model%extension)
+      allocate (is_constrained(ndim, model%grid%n_node), source=.false.)
+      associate (set => model%nodal_conditions)
+        do k = 1, set%n_constraint
+          is_constrained(set%direction(k), set%node(k)) = .true.
+        end do
+      end associate
+      self%follows = spread(extension%follows, 1, ndim) .and. .not. is_constrained
+      where (self%follows)
+        self%row = no_row
+        self%sign = 0.0_wp
+        self%is_held = .false.
+      end where
+      allocate (strip(2*ndim, extension%n_strip), source=0.0_wp)
+      do s = 1, extension%n_strip
+        if (extension%strip_node(s) == 0) cycle
+        strip(:ndim, s) = real(self%row(:, extension%strip_node(s)), wp)
+        strip(ndim + 1:, s) = self%sign(:, extension%strip_node(s))
+      end do
+      call extension%complete_strip(model%comm, 2*ndim, strip)
+      if (allocated(self%start)) deallocate (self%start, self%source, self%share)
+      allocate (self%start(ndim*model%grid%n_node + 1))
+      do pass = 1, 2   ! counts, then fills
+        n = 0
+        do i = 1, model%grid%n_node
+          r = extension%row_of(i)
+          do a = 1, ndim
+            if (pass == 1) self%start(ndim*(i - 1) + a) = n + 1
+            if (self%follows(a, i)) then
+              if (r == 0) cycle
+              do k = extension%row_start(r), extension%row_start(r + 1) - 1
+                s = extension%source(k)
+                if (nint(strip(a, s)) == no_row) cycle
+                n = n + 1
+                if (pass == 1) cycle
+                self%source(n) = nint(strip(a, s))
+                self%share(n) = extension%weight(k)*strip(ndim + a, s)
+              end do
+            else if (self%row(a, i) /= no_row) then
+              n = n + 1
+              if (pass == 1) cycle
+              self%source(n) = self%row(a, i)
+              self%share(n) = self%sign(a, i)
+            end if
+          end do
+        end do
+        if (pass == 2) exit
+        self%start(ndim*model%grid%n_node + 1) = n + 1
+        allocate (self%source(n), self%share(n))
+      end do
+    end associate
+  end subroutine follow
+
+  pure subroutine unknowns_reduce(self, node, row, share)
+    !! The unknowns of a list of nodes, and what each component has of them.
+    class(unknowns_t), intent(in) :: self
+    integer, intent(in) :: node(:)
+    integer, allocatable, intent(out) :: row(:)          !! (n) from 0, -1: none
+    real(wp), allocatable, intent(out) :: share(:, :)
+    !! (n, ndim*nodes); not allocated if every component follows its own unknown, by its sign [-]
+    integer :: k, i, a, n, place, column
+    integer, allocatable :: longer(:)
+
+    if (self%extends) then
+      if (any(self%follows(:, node))) then
+        n = 0
+        do i = 1, size(node)
+          n = n + self%start(ndim*node(i) + 1) - self%start(ndim*(node(i) - 1) + 1)
+        end do
+        allocate (longer(n), share(n, ndim*size(node)))
+        share = 0.0_wp
+        n = 0
+        do i = 1, size(node)
+          do a = 1, ndim
+            column = ndim*(node(i) - 1) + a
+            do k = self%start(column), self%start(column + 1) - 1
+              place = findloc(longer(:n), self%source(k), dim=1)
+              if (place == 0) then
+                n = n + 1
+                longer(n) = self%source(k)
+                place = n
+              end if
+              share(place, ndim*(i - 1) + a) = share(place, ndim*(i - 1) + a) + self%share(k)
+            end do
+          end do
+        end do
+        row = longer(:n)
+        share = share(:n, :)
+        return
+      end if
+    end if
+    row = reshape(self%row(:, node), [ndim*size(node)])
+  end subroutine unknowns_reduce
+
+  subroutine unknowns_fold(self, model, force)
+    !! Complete nodal forces go to the nodes that others follow, and leave these nothing; conditions
+    !! keep their own. Forces on held components are then the reactions. Collective.
+    class(unknowns_t), intent(in) :: self
+    type(model_t), intent(inout) :: model
+    real(wp), intent(inout) :: force(:, :)   !! (ndim, n_node) [N]
+    real(wp), allocatable :: folded(:, :)
+    logical, allocatable :: keeps(:, :)
+
+    if (.not. self%extends) return
+    keeps = spread(model%extension%follows, 1, ndim) .and. .not. self%follows
+    folded = merge(0.0_wp, force, keeps)
+    call model%extension%fold(model%comm, model%grid, ndim, folded)
+    force = merge(force, folded, keeps)
+  end subroutine unknowns_fold
+
+  subroutine unknowns_expand(self, model, motion)
+    !! Nodes that follow others move with them, but for components that conditions hold. Collective.
+    class(unknowns_t), intent(in) :: self
+    type(model_t), intent(inout) :: model
+    real(wp), intent(inout) :: motion(:, :)   !! (ndim, n_node), complete elsewhere [m]
+    real(wp), allocatable :: expanded(:, :)
+
+    if (.not. self%extends) return
+    expanded = motion
+    call model%extension%expand(model%comm, model%grid, ndim, expanded)
+    motion = merge(expanded, motion, self%follows)
+  end subroutine unknowns_expand
 
   subroutine number_nodes(self, model)
     !! Rows of all nodes of this rank, ghosts too.
@@ -138,16 +281,18 @@ contains
     !! Right-hand side of this rank's displacement rows from complete nodal forces; plates add
     !! their own load. Collective.
     class(unknowns_t), intent(in) :: self
-    type(model_t), intent(in) :: model
+    type(model_t), intent(inout) :: model
     real(wp), intent(in) :: force(:, :)    !! (ndim, n_node) [N]
     real(wp), intent(in) :: time           !! of the plates' loads [s]
     real(wp), intent(inout) :: rows(:)     !! (n_u) [N]
     logical, intent(in), optional :: without_loads   !! of the plates
-    real(wp), allocatable :: plate(:)
+    real(wp), allocatable :: plate(:), folded(:, :)
     real(wp) :: load
     integer :: k, a, node, slot, first
 
     rows(1:self%n_u) = 0.0_wp
+    folded = force
+    call self%fold(model, folded)
     allocate (plate(size(self%plate_row)), source=0.0_wp)
     do k = 1, size(self%own_node)
       node = self%own_node(k)
@@ -155,9 +300,9 @@ contains
         if (self%row(a, node) == no_row) cycle
         slot = findloc(self%plate_row, self%row(a, node), dim=1)
         if (slot > 0) then
-          plate(slot) = plate(slot) + self%sign(a, node)*force(a, node)
+          plate(slot) = plate(slot) + self%sign(a, node)*folded(a, node)
         else
-          rows(ndim*(k - 1) + a) = force(a, node)
+          rows(ndim*(k - 1) + a) = folded(a, node)
         end if
       end do
     end do
@@ -206,6 +351,7 @@ contains
       end do
     end do
     call model%grid%node_map%gather(model%comm, ndim, motion)
+    call self%expand(model, motion)
   end subroutine unknowns_to_nodes
 
   pure subroutine unknowns_to_unknowns(self, motion, rows)
@@ -228,9 +374,10 @@ contains
   end subroutine unknowns_to_unknowns
 
   subroutine unknowns_prescribe(self, model, from, to, motion, any_motion)
-    !! Displacements of held nodes between two times; zero elsewhere. Collective.
+    !! Displacements of held nodes between two times, and of those that follow them; zero elsewhere.
+    !! Collective.
     class(unknowns_t), intent(in) :: self
-    type(model_t), intent(in) :: model
+    type(model_t), intent(inout) :: model
     real(wp), intent(in) :: from, to         !! [s]
     real(wp), intent(out) :: motion(:, :)    !! (ndim, n_node) [m]
     logical, intent(out) :: any_motion       !! on any rank
@@ -255,5 +402,6 @@ contains
       end do
     end associate
     any_motion = model%comm%any(any(abs(motion) > 0.0_wp))
+    if (any_motion) call self%expand(model, motion)
   end subroutine unknowns_prescribe
 end module dosui_unknowns

@@ -194,7 +194,7 @@ contains
       call cell_sums(n, model%cell, model%weight, rate, &
                      model%grid%n_cell, sums)
       call model%average%block_means(model%comm, model%grid, 1, sums, block)
-      call model%average%cell_means(model%comm, model%grid, 1, sums)
+      call model%average%group_means(model%comm, model%grid, 1, sums)
       call model%storage%pressure_rate(n, model%cell, model%grid%cell_block, sums, block, rate)
     else
       rate(1:n) = rate(1:n)/model%storage%compressibility

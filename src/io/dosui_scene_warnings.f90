@@ -21,6 +21,7 @@ module dosui_scene_warnings
   real(wp), parameter :: least_gravity = 9.7_wp, most_gravity = 9.9_wp           !! [m/s2]
   real(wp), parameter :: right_angle = acos(0.0_wp), degrees = 90.0_wp/right_angle
   real(wp), parameter :: round_off = 1.0e-6_wp   !! of a force or direction [-]
+  real(wp), parameter :: least_cells = 2.0_wp    !! across a body that cuts cells [-]
 
 contains
 
@@ -153,7 +154,7 @@ contains
   end subroutine warn_of_unused
 
   subroutine warn_of_bodies(checker, scene)
-    !! Gaps, loads that pull, and bodies that nothing holds.
+    !! Gaps, loads that pull, bodies thinner than two cells, and those that nothing holds.
     type(checker_t), intent(inout) :: checker
     type(scene_t), intent(in) :: scene
     type(region_contacts_t) :: contacts
@@ -174,6 +175,13 @@ contains
                             'and plate forces are positive, tractions point into the body')
     end do
     if (any(scene%material%rigid)) return
+    do a = 1, size(scene%region)
+      if (.not. contacts%cells_across(a) < least_cells*(1.0_wp - round_off)) cycle
+      call checker%complain('region', a, 'name', 'makes a body of '// &
+                            to_text(contacts%cells_across(a), 2)//' grid cells across, between '// &
+                            'grid lines: two or more follow bending and shear; a smaller '// &
+                            'spacing, or lines along its faces')
+    end do
     do a = 1, size(scene%region)
       if (contacts%body(a) /= a .or. .not. norm2(contacts%unheld(:, a)) > round_off) cycle
       call checker%complain('region', a, 'name', 'gravity or loads drive the body along '// &

@@ -11,9 +11,16 @@
 !! the second line being the adjoint of the first (cf. the mean-strain hexahedron of Flanagan &
 !! Belytschko 1981, whose hourglass modes the particles' deviations control here). W is the volume
 !! of the filled part of the cell, C the hats' gradient at its centroid. In small-strain scenes
-!! both are exact, so that a uniform pressure balances its tractions on any surface; parts too
-!! small to stand alone belong to a neighbour, whose hats are extended (aggregated cells: Badia et
-!! al. 2018). In updated scenes full cells are full, cut ones take what their particles hold.
+!! both come from the shapes of the regions. A part without particle joins the nearest cell that
+!! has one, and the mean strain of such a union is that of its parts, weighted with their volumes,
+!! each with the hats of its own corners: fields stay continuous, and a uniform stress balances
+!! tractions that are integrated in the same way (`dosui_piece_cuts`).
+!!
+!! Parts of less than half a cell share the water's volume change, its pressure and the lifts of
+!! walls with the nearest one of more than that: as parts by themselves they see too little of the
+!! nodes to have a pressure, and a wall's lift in them is stiffer than steps can bear. These are
+!! groups, named by their first cell. In updated scenes full cells are full, cut ones take what
+!! their particles hold, and there are no groups.
 module dosui_cell_quadrature
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim, nsig, voigt_slot
@@ -22,17 +29,19 @@ module dosui_cell_quadrature
   use dosui_cell_filling, only: cell_filling, filling_t
   use dosui_grid, only: grid_t
   use dosui_keys, only: pack_key
-  use dosui_shape_functions, only: corner_hats
   use dosui_scene, only: region_t
+  use dosui_shape_functions, only: corner_hats
   use dosui_sort, only: binary_search
   implicit none
   private
 
   public :: hat_gradients
 
-  ! A cell that stands alone; those that join a neighbour cost accuracy (a sphere of 5 cells moves
-  ! by 5 % too much with 0.3, by 0.8 % with 0.1 or less).
-  real(wp), parameter :: least_part = 0.1_wp      !! [-]
+  real(wp), parameter :: group_part = 0.4997_wp   !! of a cell whose pressure is its own [-]
+  real(wp), parameter :: empty_part = 1.0e-14_wp  !! round-off of fillings [-]
+  integer, parameter :: reach = 2                 !! of cells that join others
+  real(wp), parameter :: steps_of_filling = 999983.0_wp   !! by which fillings differ [-]
+  ! odd numbers, so that round-off does not decide about halves
   real(wp), parameter :: fitted_tolerance = 1.0e-9_wp   !! [-]
   real(wp), parameter :: least_filling = 0.5_wp   !! of a cell that no surface cuts, to be full [-]
   ! A corner with less than this share s of what even filling would give it makes its cell ragged:
@@ -44,10 +53,14 @@ module dosui_cell_quadrature
   type, public :: cell_quadrature_t
     logical :: fitted = .true.                       !! every cell is full or empty
     logical :: exact = .false.                       !! measures come from shapes
-    integer, allocatable :: host(:)                  !! (n_cell) the cell that a cell belongs to
-    logical, allocatable :: is_hollow(:)
-    !! (n_cell) joins a host, and its particles are too few to hold the corners it does not share
-    real(wp), allocatable :: measure(:)              !! (n_cell) W [m3]
+    logical :: has_groups = .false.                  !! on any rank
+    integer, allocatable :: host(:)       !! (n_cell) cell with particles that a part belongs to
+    integer, allocatable :: group(:)      !! (n_cell) first cell of the group that it belongs to
+    integer, allocatable :: member_start(:)   !! (n_cell + 1) exact and not fitted: ...
+    integer, allocatable :: member(:)         !! ... parts of the group of a first cell
+    real(wp), allocatable :: part(:)                 !! (n_cell) volume of the filled part [m3]
+    real(wp), allocatable :: share(:)     !! (n_cell) of a part in its host's strain [-]
+    real(wp), allocatable :: measure(:)   !! (n_cell) W of hosts, with the parts that joined [m3]
     logical, allocatable :: is_cut(:)                !! (n_cell)
     logical :: has_ragged = .false.                  !! on this rank
     logical, allocatable :: is_ragged(:)   !! (n_cell) particles stand for it, not its centre
@@ -57,6 +70,7 @@ module dosui_cell_quadrature
     procedure :: init_from_particles => cell_quadrature_init_from_particles
     procedure :: weigh => cell_quadrature_weigh
     procedure :: strain_operator => cell_quadrature_strain_operator
+    procedure :: slopes => cell_quadrature_slopes
     procedure :: strains => cell_quadrature_strains
     procedure :: forces => cell_quadrature_forces
   end type cell_quadrature_t
@@ -71,83 +85,166 @@ contains
     type(region_t), intent(in) :: regions(:)
     integer, intent(in) :: n
     integer, intent(in) :: cell(n)   !! of the particles
-    type(filling_t), allocatable :: own(:), whole(:)
-    real(wp), allocatable :: number(:)
-    real(wp) :: centroid(ndim), covariance(ndim)
+    type(filling_t), allocatable :: own(:)
+    real(wp), allocatable :: number(:), share(:)
+    real(wp) :: centroid(ndim), covariance(ndim), cell_volume
+    integer, allocatable :: offset(:, :)
     integer :: p, c
     logical :: fitted
 
+    cell_volume = grid%spacing**ndim
     allocate (number(grid%n_cell), source=0.0_wp)
     do p = 1, n
       if (cell(p) > 0) number(cell(p)) = number(cell(p)) + 1.0_wp
     end do
+    share = number   ! of this rank
     call grid%cell_map%scatter_add(comm, 1, number)
     call grid%cell_map%gather(comm, 1, number)
     self%has_ragged = .false.
     if (allocated(self%is_ragged)) deallocate (self%is_ragged)
     allocate (self%is_ragged(grid%n_cell), source=.false.)
-    allocate (own(grid%n_cell), whole(grid%n_cell))
+    allocate (own(grid%n_cell))
     do c = 1, grid%n_cell
       own(c) = cell_filling(regions, grid%origin + grid%spacing*grid%cell_base(:, c), grid%spacing)
+      if (.not. own(c)%volume > empty_part) own(c) = filling_t()
+      if (number(c) > 0.5_wp .and. .not. own(c)%volume > 0.0_wp) own(c) = grain()
     end do
     self%exact = .true.
+    self%part = own%volume*cell_volume
+    offset = near_cells()
     self%host = [(c, c=1, grid%n_cell)]
     do c = 1, grid%n_cell
-      if (own(c)%volume > 0.0_wp .and. .not. stands(c)) self%host(c) = largest_neighbour(c)
+      if (own(c)%volume > 0.0_wp .and. .not. number(c) > 0.5_wp) then
+        self%host(c) = nearest(grid, c, offset, number > 0.5_wp, own%volume)
+      end if
     end do
-    self%is_hollow = [(self%host(c) /= c .and. number(c) < ndim - 0.5_wp, c=1, grid%n_cell)]
+    self%measure = 0.0_wp*self%part
     do c = 1, grid%n_cell
-      call whole(self%host(c))%add(own(c), grid%cell_base(:, c) - grid%cell_base(:, self%host(c)))
+      self%measure(self%host(c)) = self%measure(self%host(c)) + self%part(c)
     end do
-    self%measure = whole%volume*grid%spacing**ndim
-    self%is_cut = whole%volume > 0.0_wp .and. abs(whole%volume - 1.0_wp) > fitted_tolerance
-    fitted = .not. any(self%is_cut .and. number > 0.5_wp)
+    ! ranks that hold a host's particles know all of its parts
+    where (number > 0.5_wp) self%measure = self%measure*(share/number)
+    where (.not. number > 0.5_wp) self%measure = 0.0_wp
+    call grid%cell_map%scatter_add(comm, 1, self%measure)
+    call grid%cell_map%gather(comm, 1, self%measure)
+    self%is_cut = self%measure > 0.0_wp .and. &
+                  abs(self%measure/cell_volume - 1.0_wp) > fitted_tolerance
+    fitted = .not. any(self%is_cut)
     self%fitted = comm%all(fitted)
+    self%share = merge(1.0_wp, 0.0_wp, self%measure > 0.0_wp)
+    self%group = self%host
+    self%has_groups = .false.
     if (allocated(self%gradient)) deallocate (self%gradient)
+    if (allocated(self%member)) deallocate (self%member, self%member_start)
     if (self%fitted) return
+    do c = 1, grid%n_cell
+      if (.not. self%measure(self%host(c)) > 0.0_wp) cycle
+      if (self%host(c) == c .and. self%part(c) >= self%measure(c)) cycle   ! by itself: 1
+      self%share(c) = self%part(c)/self%measure(self%host(c))
+    end do
+    call find_groups(self, comm, grid, offset)
     allocate (self%gradient(ndim, 2**ndim, grid%n_cell), source=0.0_wp)
     do c = 1, grid%n_cell
-      if (.not. whole(c)%volume > 0.0_wp) cycle
-      centroid = whole(c)%moment/whole(c)%volume
+      if (.not. own(c)%volume > 0.0_wp) cycle
+      centroid = min(1.0_wp, max(0.0_wp, own(c)%moment/own(c)%volume))
       covariance = 0.0_wp
-      if (ndim == 3) covariance = whole(c)%mixed/whole(c)%volume - &
+      if (ndim == 3) covariance = own(c)%mixed/own(c)%volume - &
                                   cshift(centroid, 1)*cshift(centroid, 2)
       call hat_gradients(centroid, covariance, grid%spacing, self%gradient(:, :, c))
     end do
 
   contains
 
-    pure logical function stands(k)
-      !! Can the part of a cell stand alone?
-      integer, intent(in) :: k
-
-      stands = number(k) > 0.5_wp .and. own(k)%volume >= least_part
-    end function stands
-
-    integer function largest_neighbour(k) result(host)
-      !! The fullest cell around that stands alone; the cell itself if there is none.
-      integer, intent(in) :: k
-      integer :: m, d, other, offset(ndim)
-      real(wp) :: score, best
-
-      host = k
-      best = 0.0_wp
-      do m = 0, 3**ndim - 1
-        do d = 1, ndim
-          offset(d) = mod(m/3**(d - 1), 3) - 1
-        end do
-        other = binary_search(grid%cell_key, pack_key(grid%cell_base(:, k) + offset))
-        if (other == 0 .or. all(offset == 0)) cycle
-        if (.not. stands(other)) cycle
-        score = own(other)%volume - 0.5_wp*real(sum(abs(offset)) - 1, wp)   ! rather across a face
-        score = score + real(ndim, wp)
-        if (score > best) then
-          best = score
-          host = other
-        end if
-      end do
-    end function largest_neighbour
+    pure type(filling_t) function grain()
+      !! What particles stand for that lie in a cell without body, by round-off.
+      grain%volume = empty_part
+      grain%moment = 0.5_wp*empty_part
+      grain%mixed = 0.25_wp*empty_part
+    end function grain
   end subroutine cell_quadrature_init_from_shapes
+
+  subroutine find_groups(self, comm, grid, offset)
+    !! Cells that share one volume change of the water, and the parts of their groups. Collective.
+    class(cell_quadrature_t), intent(inout) :: self
+    type(communicator_t), intent(in) :: comm
+    type(grid_t), intent(in) :: grid
+    integer, intent(in) :: offset(:, :)
+    logical, allocatable :: leads(:)
+    integer, allocatable :: first(:)
+    integer :: c
+
+    leads = self%measure >= group_part*grid%spacing**ndim
+    first = [(c, c=1, grid%n_cell)]
+    do c = 1, grid%n_cell
+      if (self%measure(c) > 0.0_wp .and. .not. leads(c)) then
+        first(c) = nearest(grid, c, offset, leads, self%measure/grid%spacing**ndim)
+      end if
+    end do
+    self%group = first(self%host)
+    self%has_groups = comm%any(any(self%group /= [(c, c=1, grid%n_cell)]))
+    allocate (self%member_start(grid%n_cell + 1), source=0)
+    do c = 1, grid%n_cell
+      if (.not. self%part(c) > 0.0_wp) cycle
+      self%member_start(self%group(c) + 1) = self%member_start(self%group(c) + 1) + 1
+    end do
+    self%member_start(1) = 1
+    do c = 1, grid%n_cell
+      self%member_start(c + 1) = self%member_start(c + 1) + self%member_start(c)
+    end do
+    allocate (self%member(self%member_start(grid%n_cell + 1) - 1))
+    first = self%member_start(1:grid%n_cell)
+    do c = 1, grid%n_cell
+      if (.not. self%part(c) > 0.0_wp) cycle
+      self%member(first(self%group(c))) = c
+      first(self%group(c)) = first(self%group(c)) + 1
+    end do
+  end subroutine find_groups
+
+  pure function near_cells() result(offset)
+    !! Steps to the cells around one, by distance.
+    integer :: offset(ndim, (2*reach + 1)**ndim - 1)
+    integer :: m, d, n, square, step(ndim)
+
+    n = 0
+    do square = 1, ndim*reach**2
+      do m = 0, (2*reach + 1)**ndim - 1
+        do d = 1, ndim
+          step(d) = mod(m/(2*reach + 1)**(d - 1), 2*reach + 1) - reach
+        end do
+        if (sum(step**2) /= square) cycle
+        n = n + 1
+        offset(:, n) = step
+      end do
+    end do
+  end function near_cells
+
+  pure integer function nearest(grid, cell, offset, is_candidate, filling) result(best)
+    !! The nearest candidate around a cell; of several the fullest, then the one with the smallest
+    !! key: the same on every rank. The cell itself if there is none.
+    type(grid_t), intent(in) :: grid
+    integer, intent(in) :: cell
+    integer, intent(in) :: offset(:, :)          !! as from `near_cells`
+    logical, intent(in) :: is_candidate(:)       !! (n_cell)
+    real(wp), intent(in) :: filling(:)           !! (n_cell) over that of a full cell [-]
+    integer :: k, other, fullest, square
+
+    best = cell
+    fullest = -1
+    square = huge(1)
+    do k = 1, size(offset, 2)
+      if (sum(offset(:, k)**2) > square) exit
+      other = binary_search(grid%cell_key, pack_key(grid%cell_base(:, cell) + offset(:, k)))
+      if (other == 0) cycle
+      if (.not. is_candidate(other)) cycle
+      if (nint(filling(other)*steps_of_filling) > fullest) then
+        fullest = nint(filling(other)*steps_of_filling)
+        best = other
+      else if (nint(filling(other)*steps_of_filling) == fullest) then
+        best = min(best, other)   ! cells are sorted by key
+      end if
+      square = sum(offset(:, k)**2)
+    end do
+  end function nearest
 
   subroutine cell_quadrature_init_from_particles(self, comm, grid, n, cell, position, n_point, &
                                                  point_cell, cuts, finds_ragged)
@@ -183,6 +280,9 @@ contains
     self%has_ragged = any(self%is_ragged)
     self%exact = .false.
     self%host = [(c, c=1, grid%n_cell)]
+    self%group = self%host
+    self%has_groups = .false.
+    self%share = 1.0_wp + 0.0_wp*sums(1, :)
     self%measure = 0.0_wp*sums(1, :)
     self%fitted = .not. comm%any(any(self%is_cut))
     if (allocated(self%gradient)) deallocate (self%gradient)
@@ -303,7 +403,7 @@ contains
   end subroutine cell_quadrature_weigh
 
   pure subroutine cell_quadrature_strain_operator(self, grid, cell, operator)
-    !! C of one cell: its mean strain is the product with its corners' displacements.
+    !! C of one part: its mean strain is the product with its corners' displacements.
     class(cell_quadrature_t), intent(in) :: self
     type(grid_t), intent(in) :: grid
     integer, intent(in) :: cell
@@ -327,20 +427,68 @@ contains
     end do
   end subroutine cell_quadrature_strain_operator
 
+  pure subroutine cell_quadrature_slopes(self, grid, velocity, slope)
+    !! Kernel: mean gradients dv_a/dx_b of every cell that has particles, of its whole union.
+    class(cell_quadrature_t), intent(in) :: self
+    type(grid_t), intent(in) :: grid
+    real(wp), intent(in) :: velocity(ndim, grid%n_node)   !! [m/s]
+    real(wp), intent(out) :: slope(ndim, ndim, grid%n_cell)   !! [1/s]
+    integer :: c
+
+    slope = 0.0_wp
+    do c = 1, grid%n_cell
+      if (self%fitted) then
+        slope(:, :, c) = part_slope(self, grid, c, velocity)
+      else
+        slope(:, :, self%host(c)) = slope(:, :, self%host(c)) + &
+                                    self%share(c)*part_slope(self, grid, c, velocity)
+      end if
+    end do
+  end subroutine cell_quadrature_slopes
+
+  pure function part_slope(self, grid, cell, velocity) result(slope)
+    !! Gradient of one part [1/s].
+    type(cell_quadrature_t), intent(in) :: self
+    type(grid_t), intent(in) :: grid
+    integer, intent(in) :: cell
+    real(wp), intent(in) :: velocity(ndim, grid%n_node)   !! [m/s]
+    real(wp) :: slope(ndim, ndim), centre(ndim, 2**ndim)
+    integer :: a, b, k
+
+    if (self%fitted) then
+      call hat_gradients(spread(0.5_wp, 1, ndim), spread(0.0_wp, 1, ndim), grid%spacing, centre)
+    else
+      centre = self%gradient(:, :, cell)
+    end if
+    slope = 0.0_wp
+    do k = 1, 2**ndim
+      do b = 1, ndim
+        do a = 1, ndim
+          slope(a, b) = slope(a, b) + velocity(a, grid%cell_node(k, cell))*centre(b, k)
+        end do
+      end do
+    end do
+  end function part_slope
+
   pure subroutine cell_quadrature_strains(self, grid, dt, velocity, strain)
-    !! Kernel: dt sym(C v) of every cell.
+    !! Kernel: dt sym(C v) of every cell that has particles.
     class(cell_quadrature_t), intent(in) :: self
     type(grid_t), intent(in) :: grid
     real(wp), intent(in) :: dt                        !! [s]
     real(wp), intent(in) :: velocity(ndim, grid%n_node)   !! [m/s]
     real(wp), intent(out) :: strain(nsig, grid%n_cell)    !! tension positive, 2 x shear [-]
     real(wp) :: centre(ndim, 2**ndim), slope(ndim, ndim)
-    integer :: a, b, c, k
+    integer :: a, b, c, k, host
 
     call hat_gradients(spread(0.5_wp, 1, ndim), spread(0.0_wp, 1, ndim), grid%spacing, centre)
     strain = 0.0_wp
     do c = 1, grid%n_cell
-      if (.not. self%fitted) centre = self%gradient(:, :, c)
+      host = c
+      if (.not. self%fitted) then
+        host = self%host(c)
+        if (.not. self%share(c) > 0.0_wp) cycle
+        centre = self%share(c)*self%gradient(:, :, c)
+      end if
       slope = 0.0_wp
       do k = 1, 2**ndim
         do b = 1, ndim
@@ -351,7 +499,7 @@ contains
       end do
       do b = 1, ndim
         do a = 1, ndim
-          strain(voigt_slot(a, b), c) = strain(voigt_slot(a, b), c) + dt*slope(a, b)
+          strain(voigt_slot(a, b), host) = strain(voigt_slot(a, b), host) + dt*slope(a, b)
         end do
       end do
     end do
@@ -365,15 +513,17 @@ contains
     real(wp), intent(in) :: stress(nsig, grid%n_cell)   !! tension positive [Pa]
     real(wp), intent(inout) :: force(:, :)              !! (ndim, n_node) [N]
     real(wp) :: centre(ndim, 2**ndim), load(ndim, ndim)
-    integer :: a, b, c, k
+    integer :: a, b, c, k, host
 
     call hat_gradients(spread(0.5_wp, 1, ndim), spread(0.0_wp, 1, ndim), grid%spacing, centre)
     do c = 1, grid%n_cell
-      if (.not. share(c) > 0.0_wp) cycle
-      if (.not. self%fitted) centre = self%gradient(:, :, c)
+      host = c
+      if (.not. self%fitted) host = self%host(c)
+      if (.not. share(host) > 0.0_wp) cycle
+      if (.not. self%fitted) centre = self%share(c)*self%gradient(:, :, c)
       do b = 1, ndim
         do a = 1, ndim
-          load(a, b) = -share(c)*stress(voigt_slot(a, b), c)
+          load(a, b) = -share(host)*stress(voigt_slot(a, b), host)
         end do
       end do
       do k = 1, 2**ndim

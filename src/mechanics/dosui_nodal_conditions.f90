@@ -32,6 +32,7 @@ module dosui_nodal_conditions
   contains
     procedure :: init => nodal_conditions_init
     procedure :: apply => nodal_conditions_apply
+    procedure :: prescribe => nodal_conditions_prescribe
     procedure :: holders => nodal_conditions_holders
   end type nodal_conditions_t
 
@@ -206,6 +207,44 @@ contains
       velocity(self%direction(k), self%node(k)) = prescribed
     end do
   end subroutine nodal_conditions_apply
+
+  pure subroutine nodal_conditions_prescribe(self, conditions, time, at_rest, is_held, velocity, &
+                                             plate)
+    !! The same conditions as values, for nodes that do not move by themselves. Those on plates have
+    !! the sign of the plate's outward normal in place of its velocity.
+    class(nodal_conditions_t), intent(in) :: self
+    type(mechanical_condition_t), intent(in) :: conditions(:)
+    real(wp), intent(in) :: time              !! at the end of the step [s]
+    logical, intent(in) :: at_rest            !! prescribed velocities are zero
+    logical, intent(out) :: is_held(:, :)     !! (ndim, n_node)
+    real(wp), intent(out) :: velocity(:, :)   !! (ndim, n_node) 0 where nothing holds [m/s]
+    integer, intent(out) :: plate(:, :)       !! (ndim, n_node) which of the plates, 0: none
+    integer :: c, k
+
+    is_held = .false.
+    velocity = 0.0_wp
+    plate = 0
+    do k = 1, self%n_constraint
+      c = self%condition(k)
+      associate (a => self%direction(k), i => self%node(k))
+        is_held(a, i) = .true.
+        plate(a, i) = 0
+        select case (conditions(c)%kind)
+        case ('plate')
+          plate(a, i) = findloc(self%plate_condition, c, dim=1)
+          velocity(a, i) = self%outward(k)
+        case ('velocity')
+          velocity(a, i) = conditions(c)%value(a)*conditions(c)%pattern%factor%at(time)
+        case ('normal_velocity')
+          velocity(a, i) = self%outward(k)*conditions(c)%value(1)* &
+                           conditions(c)%pattern%factor%at(time)
+        case default
+          velocity(a, i) = 0.0_wp
+        end select
+        if (at_rest .and. plate(a, i) == 0) velocity(a, i) = 0.0_wp
+      end associate
+    end do
+  end subroutine nodal_conditions_prescribe
 
   pure subroutine nodal_conditions_holders(self, conditions, holder)
     !! Which constraint takes the force on each component of the nodes. Of two at rest it is that

@@ -14,11 +14,11 @@ module dosui_stiffness
   use dosui_dimension, only: ndim, nsig, voigt_slot
   use dosui_cell_quadrature, only: hat_gradients
   use dosui_grid, only: grid_t
-  use dosui_shape_functions, only: corner_hats, group_count, n_group, n_group_wide, patch_weights
+  use dosui_shape_functions, only: group_count, n_group, n_group_wide, patch_weights
   implicit none
   private
 
-  public :: cell_lists, cell_strain_operators, extension_ties, hourglass_operators
+  public :: cell_lists, cell_strain_operators, hourglass_operators
 
   type, public :: cell_operators_t
     !! Strain operators of one cell's particles on the cell's own list of nodes.
@@ -57,7 +57,7 @@ contains
   end subroutine cell_lists
 
   subroutine cell_strain_operators(grid, cell, patch, position, weight, averaged, operators, &
-                                   centre, inverse, reference)
+                                   centre, inverse, reference, mean_node, mean_volume)
     !! Strain operators of the particles of one cell.
     type(grid_t), intent(in) :: grid
     integer, intent(in) :: cell
@@ -66,15 +66,19 @@ contains
     real(wp), intent(in) :: weight(:)          !! (particles) [m3]
     logical, intent(in) :: averaged            !! volume change is averaged over the cell
     type(cell_operators_t), intent(inout) :: operators
-    real(wp), intent(in), optional :: centre(nsig, ndim*2**ndim)
-    !! C on the cell's corners, lifts included: means come from it [1/m]
+    real(wp), intent(in), optional :: centre(:, :)
+    !! (nsig, ndim*nodes) C on the cell's corners or the nodes of `mean_node`, lifts included: means
+    !! come from it [1/m]
     real(wp), intent(in), optional :: inverse(:, :, :)
     !! (ndim, ndim, particles) F^-1: gradients belong to the deformed places [-]
     real(wp), intent(in), optional :: reference(:)
     !! (particles) with `inverse` and `centre`: undeformed volumes, with which the mean of the
     !! gradients becomes that of C before anything is deformed [m3]
+    integer, intent(in), optional :: mean_node(:)   !! nodes of the cell's group
+    real(wp), intent(in), optional :: mean_volume(:)
+    !! (ndim*nodes) likewise: volume change that the water sees [1/m]
     real(wp), allocatable :: w(:), gradient(:), own(:, :, :), mean(:, :), trace(:), mean_trace(:)
-    integer, allocatable :: local(:)
+    integer, allocatable :: local(:), mean_nodes(:)
     integer :: m, n_groups, n_patch_node, p, i, k, a, b, column
     logical :: is_centred
 
@@ -85,7 +89,10 @@ contains
     call patch_weights(grid%shape_kind, grid%half_domain, grid%origin, grid%spacing, m, patch, &
                        position, grid%n_patch, grid%patch_base, grid%patch_fold, n_groups, w, &
                        gradient)
-    call collect_nodes(grid, cell, patch, present(centre) .or. present(inverse), operators)
+    mean_nodes = grid%cell_node(:, cell)
+    if (present(mean_node)) mean_nodes = mean_node
+    call collect_nodes(grid, cell, patch, present(centre) .or. present(inverse), mean_nodes, &
+                       operators)
     if (allocated(operators%strain)) deallocate (operators%strain, operators%volume)
     allocate (own(nsig, ndim*operators%n_node, m), source=0.0_wp)
     allocate (operators%volume(ndim*operators%n_node, m), source=0.0_wp)
@@ -114,8 +121,8 @@ contains
         own(:, :, p) = own(:, :, p) - mean
         call add_trace(-trace_of(own(:, :, p)), own(:, :, p))
       end do
-      local = places(operators, grid%cell_node(:, cell))
-      do i = 1, 2**ndim
+      local = places(operators, mean_nodes)
+      do i = 1, size(local)
         do a = 1, ndim
           column = ndim*(local(i) - 1) + a
           do p = 1, m
@@ -130,9 +137,18 @@ contains
         call add_trace(mean_trace - trace, own(:, :, p))
       end do
     end if
-    do p = 1, m
-      operators%volume(:, p) = trace_of(own(:, :, p))
-    end do
+    if (present(mean_volume)) then
+      local = places(operators, mean_nodes)
+      do i = 1, size(local)
+        do a = 1, ndim
+          operators%volume(ndim*(local(i) - 1) + a, :) = mean_volume(ndim*(i - 1) + a)
+        end do
+      end do
+    else
+      do p = 1, m
+        operators%volume(:, p) = trace_of(own(:, :, p))
+      end do
+    end if
     call move_alloc(own, operators%strain)
 
   contains
@@ -173,10 +189,10 @@ contains
         do number = 1, m
           average = average + reference(number)/sum(reference)*operators%gradient(:, :, number)
         end do
-        local = places(operators, grid%cell_node(:, cell))
+        local = places(operators, mean_nodes)
         do number = 1, m
           operators%gradient(:, :, number) = operators%gradient(:, :, number) - average
-          do node = 1, 2**ndim
+          do node = 1, size(local)
             do d = 1, ndim
               operators%gradient(d, local(node), number) = &
                 operators%gradient(d, local(node), number) + &
@@ -231,30 +247,6 @@ contains
     end do
   end subroutine hourglass_operators
 
-  pure subroutine extension_ties(grid, host, cell, node, tie)
-    !! How far the corners of a small part of a cell are from where the hats of its host would take
-    !! them: each column is the weight of the nodes in one difference, 0 for corners of the host.
-    type(grid_t), intent(in) :: grid
-    integer, intent(in) :: host, cell
-    integer, intent(out) :: node(2*2**ndim)                !! corners of the host, of the cell
-    real(wp), intent(out) :: tie(2*2**ndim, 2**ndim)       !! [-]
-    real(wp) :: offset(ndim)
-    integer, parameter :: n = 2**ndim
-    integer :: i, d
-
-    node = [grid%cell_node(:, host), grid%cell_node(:, cell)]
-    tie = 0.0_wp
-    do i = 1, n
-      if (any(grid%cell_node(:, host) == node(n + i))) cycle
-      do d = 1, ndim
-        offset(d) = real(grid%cell_base(d, cell) - grid%cell_base(d, host), wp) + &
-                    merge(1.0_wp, 0.0_wp, btest(i - 1, d - 1))
-      end do
-      tie(1:n, i) = -corner_hats(offset)
-      tie(n + i, i) = 1.0_wp
-    end do
-  end subroutine extension_ties
-
   pure function trace_of(strain) result(trace)
     !! Volume strain of each column, over the scene's directions.
     real(wp), intent(in) :: strain(:, :)   !! (nsig, columns)
@@ -278,18 +270,22 @@ contains
     end do
   end subroutine add_trace
 
-  subroutine collect_nodes(grid, cell, patch, with_corners, operators)
-    !! All nodes of the particles' patches, and of the cell.
+  subroutine collect_nodes(grid, cell, patch, with_corners, others, operators)
+    !! All nodes of the particles' patches, and of the cell and its group.
     type(grid_t), intent(in) :: grid
     integer, intent(in) :: cell, patch(:)
     logical, intent(in) :: with_corners
+    integer, intent(in) :: others(:)   !! of the group
     type(cell_operators_t), intent(inout) :: operators
-    integer :: list(size(grid%patch_node, 1)*size(patch) + 2**ndim)
+    integer :: list(size(grid%patch_node, 1)*size(patch) + 2**ndim + size(others))
     integer :: p, last
 
     operators%n_node = 0
     last = 0
-    if (with_corners) call add(grid%cell_node(:, cell))
+    if (with_corners) then
+      call add(grid%cell_node(:, cell))
+      call add(others)
+    end if
     do p = 1, size(patch)
       if (patch(p) == last) cycle
       last = patch(p)

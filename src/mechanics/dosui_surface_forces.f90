@@ -11,25 +11,26 @@
 !! surface, walls hold its normals: facets lean, and held one by one they hold all motion.
 module dosui_surface_forces
   use dosui_kinds, only: wp
-  use dosui_dimension, only: ndim, nsig, axis, voigt_slot
+  use dosui_dimension, only: ndim, nsig, voigt_slot
   use dosui_communicator, only: communicator_t
   use dosui_grid, only: grid_t
+  use dosui_keys, only: pack_key
+  use dosui_piece_cuts, only: cut_piece, most_cells, square_edges
   use dosui_shape_functions, only: corner_hats
   use dosui_scene, only: mechanical_condition_t
+  use dosui_sort, only: binary_search
   implicit none
   private
 
   public :: load_traction
 
   real(wp), parameter :: light_node = 0.1_wp       !! least m / (a rho h) of a loaded node [-]
-  integer, parameter :: parts_per_direction = 4    !! of a point's surface
-  real(wp), parameter :: inward = 1.0e-3_wp        !! parts lie in the cell inside [h]
   real(wp), parameter :: dashpot_ratio = 0.2_wp    !! of critical damping of a wall node [-]
 
   type, public :: surface_forces_t
     !! Which surface points carry which condition, and how they spread forces over nodes.
     integer :: n_point = 0
-    integer :: n_part = 1                      !! parts of the surface that a point stands for
+    integer :: n_part = 1                      !! cells that a point's piece lies in, at most
     integer, allocatable :: cell(:, :)         !! (n_part, n_point) cell of each part, 0: none
     integer, allocatable :: node(:, :, :)      !! (2**ndim, n_part, n_point) corners of that cell
     real(wp), allocatable :: weight(:, :, :)   !! likewise: share of each node, in all 1 a point [-]
@@ -54,11 +55,11 @@ module dosui_surface_forces
 contains
 
   subroutine surface_forces_init(self, comm, grid, n_point, cell, position, normal, area, mass, &
-                                 density, modulus, penalty, handled, host, held)
+                                 density, modulus, penalty, handled, is_cut, held, edge)
     !! Computes the weights of all surface points from the nodal masses at hand. Collective.
     !!
-    !! With `host` a point stands for several parts of its surface, which lie in cells of their own
-    !! and spread what they carry over all of these cells' nodes: the integral over the surface
+    !! With `is_cut` a point stands for parts of its piece of surface, one in each cell that the
+    !! piece lies in, with the hats of that cell (`dosui_piece_cuts`): the integral over the surface
     !! then fits the integrals over cut cells.
     class(surface_forces_t), intent(inout) :: self
     type(communicator_t), intent(in) :: comm
@@ -73,98 +74,100 @@ contains
     real(wp), intent(in) :: modulus                   !! that walls resist [Pa]
     real(wp), intent(in) :: penalty                   !! wall stiffness factor [-]
     logical, intent(in) :: handled(:, :)              !! (conditions, points) entries to be made
-    integer, intent(in), optional :: host(grid%n_cell)   !! cells that small parts belong to
+    logical, intent(in), optional :: is_cut           !! pieces are cut by the cells
     real(wp), intent(in), optional :: held(ndim, n_point)
     !! normals of the smooth surfaces that facets stand for; absent: they are the facets' [-]
+    real(wp), intent(in), optional :: edge(ndim, max(ndim - 1, 1), n_point)
+    !! that span the pieces; 0 or absent: they are squares [m]
     real(wp), allocatable :: served(:, :)
     logical, allocatable :: usable(:)
-    real(wp) :: place(ndim), least
     integer :: p, c, k
 
     self%n_point = n_point
     self%n_part = 1
-    if (present(host)) self%n_part = parts_per_direction**(ndim - 1)
-    if (allocated(self%weight)) deallocate (self%weight, self%node, self%cell)
-    allocate (self%weight(2**ndim, self%n_part, n_point), source=0.0_wp)
-    allocate (self%node(2**ndim, self%n_part, n_point), self%cell(self%n_part, n_point), source=0)
-    allocate (served(1, grid%n_node), source=0.0_wp)
-    do p = 1, n_point
-      do k = 1, self%n_part
-        place = position(:, p)
-        self%cell(k, p) = cell(p)
-        if (present(host)) call find_part(grid, k, normal(:, p), area(p), host, place, &
-                                          self%cell(k, p))
-        if (self%cell(k, p) == 0) cycle
-        self%node(:, k, p) = grid%cell_node(:, self%cell(k, p))
-        self%weight(:, k, p) = hat_weights(place, grid, self%cell(k, p))/real(self%n_part, wp)
-        served(1, self%node(:, k, p)) = served(1, self%node(:, k, p)) + &
-                                        self%weight(:, k, p)*area(p)
-      end do
-    end do
-    call grid%node_map%scatter_add(comm, 1, served)
-    call grid%node_map%gather(comm, 1, served)
-
-    least = light_node
-    if (present(host)) least = 0.0_wp   ! stresses act on light nodes, too
-    usable = mass >= least*density*grid%spacing*served(1, :) .and. mass > 0.0_wp
-    self%n_dropped = 0
-    do p = 1, n_point
-      do k = 1, self%n_part
-        if (self%cell(k, p) == 0) cycle
-        call keep_usable(self%node(:, k, p), usable, mass, 1.0_wp/real(self%n_part, wp), &
-                         self%weight(:, k, p))
-      end do
-      if (.not. any(abs(self%weight(:, :, p)) > 0.0_wp) .and. any(handled(:, p)) .and. &
-          cell(p) > 0) self%n_dropped = self%n_dropped + 1
-    end do
-
-    self%entry_point = pack([((p, c=1, size(handled, 1)), p=1, n_point)], &
-                            reshape(handled, [size(handled)]))
-    self%entry_condition = pack([((c, c=1, size(handled, 1)), p=1, n_point)], &
-                                reshape(handled, [size(handled)]))
     self%held = normal
     if (present(held)) self%held = held
     self%stiffness = penalty*modulus/grid%spacing
     self%damping = dashpot_ratio*sqrt(self%stiffness*density*grid%spacing)
+    self%entry_point = pack([((p, c=1, size(handled, 1)), p=1, n_point)], &
+                            reshape(handled, [size(handled)]))
+    self%entry_condition = pack([((c, c=1, size(handled, 1)), p=1, n_point)], &
+                                reshape(handled, [size(handled)]))
+    self%n_dropped = 0
+    if (allocated(self%weight)) deallocate (self%weight, self%node, self%cell)
+    if (present(is_cut)) then
+      if (is_cut) then
+        call cut_pieces(self, grid, cell, position, normal, area, edge)
+        return
+      end if
+    end if
+    allocate (self%weight(2**ndim, self%n_part, n_point), source=0.0_wp)
+    allocate (self%node(2**ndim, self%n_part, n_point), self%cell(self%n_part, n_point), source=0)
+    allocate (served(1, grid%n_node), source=0.0_wp)
+    do p = 1, n_point
+      self%cell(1, p) = cell(p)
+      if (cell(p) == 0) cycle
+      self%node(:, 1, p) = grid%cell_node(:, cell(p))
+      self%weight(:, 1, p) = hat_weights(position(:, p), grid, cell(p))
+      served(1, self%node(:, 1, p)) = served(1, self%node(:, 1, p)) + self%weight(:, 1, p)*area(p)
+    end do
+    call grid%node_map%scatter_add(comm, 1, served)
+    call grid%node_map%gather(comm, 1, served)
+
+    usable = mass >= light_node*density*grid%spacing*served(1, :) .and. mass > 0.0_wp
+    do p = 1, n_point
+      do k = 1, self%n_part
+        if (self%cell(k, p) == 0) cycle
+        call keep_usable(self%node(:, k, p), usable, mass, self%weight(:, k, p))
+      end do
+      if (.not. any(abs(self%weight(:, :, p)) > 0.0_wp) .and. any(handled(:, p)) .and. &
+          cell(p) > 0) self%n_dropped = self%n_dropped + 1
+    end do
   end subroutine surface_forces_init
 
-  subroutine find_part(grid, number, normal, area, host, place, cell)
-    !! Place and cell of one part of a point's surface. Parts outside the grid stay with the point.
+  subroutine cut_pieces(self, grid, cell, position, normal, area, edge)
+    !! Parts of all pieces. What lies in a cell that the grid lacks stays with the point's cell.
+    class(surface_forces_t), intent(inout) :: self
     type(grid_t), intent(in) :: grid
-    integer, intent(in) :: number              !! of the part
-    real(wp), intent(in) :: normal(ndim)       !! [-]
-    real(wp), intent(in) :: area               !! of the point [m2]
-    integer, intent(in) :: host(grid%n_cell)
-    real(wp), intent(inout) :: place(ndim)     !! of the point, then of the part [m]
-    integer, intent(inout) :: cell             !! likewise
-    real(wp) :: outward(3), along(3, 2), side, shift, moved(ndim, 1)
-    integer :: d, rest, parts, patch(1), found(1), n_lost
+    integer, intent(in) :: cell(:)
+    real(wp), intent(in) :: position(:, :), normal(:, :), area(:)
+    real(wp), intent(in), optional :: edge(:, :, :)
+    integer, allocatable :: base(:, :)
+    real(wp), allocatable :: weight(:, :)
+    real(wp) :: span(ndim, max(ndim - 1, 1)), place(ndim)
+    integer :: p, k, n, pass, most
 
-    outward = 0.0_wp
-    outward(axis) = normal
-    along(:, 1) = [-outward(3), 0.0_wp, outward(1)]   ! in the x-z plane
-    if (norm2(along(:, 1)) < 1.0e-6_wp) along(:, 1) = [1.0_wp, 0.0_wp, 0.0_wp]
-    along(:, 1) = along(:, 1)/norm2(along(:, 1))
-    along(:, 2) = [outward(2)*along(3, 1) - outward(3)*along(2, 1), &   ! square to both
-                   outward(3)*along(1, 1) - outward(1)*along(3, 1), &
-                   outward(1)*along(2, 1) - outward(2)*along(1, 1)]
-    side = area**(1.0_wp/real(max(1, ndim - 1), wp))
-    moved(:, 1) = place
-    rest = number - 1
-    do d = 1, 2
-      parts = merge(parts_per_direction, 1, d < ndim)
-      shift = (real(mod(rest, parts), wp) + 0.5_wp)/real(parts, wp) - 0.5_wp
-      moved(:, 1) = moved(:, 1) + shift*side*along(axis, d)
-      rest = rest/parts
+    most = 1
+    do pass = 1, 2   ! counts, then fills
+      do p = 1, self%n_point
+        if (cell(p) == 0) cycle
+        span = 0.0_wp
+        if (present(edge)) span = edge(:, :, p)
+        if (.not. any(abs(span) > 0.0_wp)) call square_edges(normal(:, p), area(p), span)
+        span = span/grid%spacing
+        place = (position(:, p) - grid%origin)/grid%spacing
+        if (pass == 1) then
+          most = max(most, most_cells(place, normal(:, p), span))
+          cycle
+        end if
+        call cut_piece(place, normal(:, p), span, n, base, weight)
+        do k = 1, n
+          self%cell(k, p) = binary_search(grid%cell_key, pack_key(base(:, k)))
+          if (self%cell(k, p) == 0) then
+            self%cell(k, p) = cell(p)
+            weight(:, k) = sum(weight(:, k))*hat_weights(position(:, p), grid, cell(p))
+          end if
+          self%node(:, k, p) = grid%cell_node(:, self%cell(k, p))
+          self%weight(:, k, p) = weight(:, k)
+        end do
+      end do
+      if (pass == 2) exit
+      self%n_part = most
+      allocate (base(ndim, most), weight(2**ndim, most))
+      allocate (self%weight(2**ndim, most, self%n_point), source=0.0_wp)
+      allocate (self%node(2**ndim, most, self%n_point), self%cell(most, self%n_point), source=0)
     end do
-    patch = 0
-    found = 0
-    call grid%locate(1, moved - inward*grid%spacing*reshape(normal, [ndim, 1]), patch, found, &
-                     n_lost)
-    if (found(1) == 0) return
-    place = moved(:, 1)
-    cell = host(found(1))
-  end subroutine find_part
+  end subroutine cut_pieces
 
   pure function hat_weights(position, grid, cell) result(weight)
     !! Linear hats of a cell's corner nodes (x fastest) at a position; they go on into parts of
@@ -178,23 +181,22 @@ contains
                          real(grid%cell_base(:, cell), wp))
   end function hat_weights
 
-  pure subroutine keep_usable(node, usable, mass, total, weight)
-    !! Drops the weights of unusable nodes and scales the others to their total. If none is left,
+  pure subroutine keep_usable(node, usable, mass, weight)
+    !! Drops the weights of unusable nodes and scales the others to a sum of 1. If none is left,
     !! the heaviest node takes all: no load is lost while the point's cell holds any mass.
     integer, intent(in) :: node(2**ndim)
     logical, intent(in) :: usable(:)
     real(wp), intent(in) :: mass(:)            !! nodal masses [kg]
-    real(wp), intent(in) :: total              !! of the weights [-]
     real(wp), intent(inout) :: weight(2**ndim)
     integer :: heaviest
 
     where (.not. usable(node)) weight = 0.0_wp
-    if (sum(weight) > 1.0e-6_wp*total) then
-      weight = weight*(total/sum(weight))
+    if (sum(weight) > 1.0e-6_wp) then
+      weight = weight*(1.0_wp/sum(weight))
     else
       weight = 0.0_wp
       heaviest = maxloc(mass(node), dim=1)
-      if (mass(node(heaviest)) > 0.0_wp) weight(heaviest) = total
+      if (mass(node(heaviest)) > 0.0_wp) weight(heaviest) = 1.0_wp
     end if
   end subroutine keep_usable
 
@@ -249,7 +251,7 @@ contains
   end subroutine spread_load
 
   pure function part_velocity(self, part, point, nodal_velocity) result(velocity)
-    !! Share of one part in the velocity of a point: its mean is n_part times this [m/s].
+    !! Share of one part in the velocity of a point [m/s].
     class(surface_forces_t), intent(in) :: self
     integer, intent(in) :: part, point
     real(wp), intent(in) :: nodal_velocity(:, :)   !! (ndim, n_node) [m/s]
@@ -396,8 +398,8 @@ contains
         cell = self%cell(k, p)
         if (cell == 0) cycle
         slip = part_velocity(self, k, p, nodal_velocity)
-        if (.not. at_rest) slip = slip - wall_velocity(conditions(c), time, self%held(:, p))/ &
-                                  real(self%n_part, wp)
+        if (.not. at_rest) slip = slip - wall_velocity(conditions(c), time, self%held(:, p))* &
+                                  sum(self%weight(:, k, p))
         if (conditions(c)%kind == 'roller' .or. conditions(c)%kind == 'normal_velocity') then
           slip = dot_product(slip, self%held(:, p))*self%held(:, p)
         end if

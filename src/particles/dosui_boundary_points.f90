@@ -4,13 +4,13 @@ module dosui_boundary_points
   use dosui_dimension, only: ndim
   use dosui_barriers, only: barrier_face_t, barrier_faces
   use dosui_communicator, only: communicator_t
-  use dosui_face_pieces, only: face_piece, piece_count, region_faces
+  use dosui_face_pieces, only: end_pieces, face_piece, piece_count, region_faces
   use dosui_particle_fields, only: surface_handles_t
   use dosui_point_set, only: point_set_t
   use dosui_scene, only: scene_t
   use dosui_seeding, only: region_spacing
   use dosui_shapes, only: face_t, shape_contains
-  use dosui_surface_sets, only: rank_probe, set_add, surface_ranks
+  use dosui_surface_sets, only: rank_mechanical, rank_probe, set_add, surface_ranks
   implicit none
   private
 
@@ -43,6 +43,7 @@ contains
     do r = 1, size(scene%region)
       call region_faces(scene%region(r), region_spacing(scene, scene%region(r)), faces)
       do f = 1, size(faces)
+        call end_at_boxes(scene, r, rank, faces(f))
         call seed_face(comm, scene, r, faces(f), rank, patch, id, points, handles, touched)
         patch = patch + 1 + size(scene%surface)
       end do
@@ -55,6 +56,26 @@ contains
                  "' touches no particle: check region, face and box"//new_line('a')
     end do
   end subroutine seed_boundary_points
+
+  subroutine end_at_boxes(scene, r, rank, face)
+    !! Lets pieces end where surfaces that conditions use do.
+    type(scene_t), intent(in) :: scene
+    integer, intent(in) :: r                      !! region of the face
+    integer, intent(in) :: rank(:)                !! uses of the surfaces
+    type(face_t), intent(inout) :: face
+    real(wp), allocatable :: low(:, :), high(:, :)
+    integer, allocatable :: named(:)
+    integer :: k
+
+    allocate (named, source=surfaces_of(scene, r, face))
+    named = pack(named, rank(named) >= rank_mechanical)
+    allocate (low(ndim, size(named)), high(ndim, size(named)))
+    do k = 1, size(named)
+      low(:, k) = scene%surface(named(k))%box_min
+      high(:, k) = scene%surface(named(k))%box_max
+    end do
+    call end_pieces(face, region_spacing(scene, scene%region(r)), scene%grid_spacing, low, high)
+  end subroutine end_at_boxes
 
   subroutine seed_face(comm, scene, r, face, rank, first_patch, id, points, handles, touched)
     !! This rank's share of a face's pieces. A piece belongs to every surface that names it. What
@@ -74,7 +95,7 @@ contains
     integer, allocatable :: named(:), here(:)
     integer :: s, free
     logical :: is_free
-    real(wp) :: spacing, x(ndim), normal(ndim), area
+    real(wp) :: spacing, x(ndim), normal(ndim), area, edge(ndim, max(ndim - 1, 1))
 
     free = free_surface_of(scene, r)
     allocate (named, source=surfaces_of(scene, r, face))
@@ -83,7 +104,7 @@ contains
     first = total*comm%rank/comm%size + 1_i8
     last = total*(comm%rank + 1_i8)/comm%size
     do k = first, last
-      call face_piece(face, spacing, k, x, normal, area)
+      call face_piece(face, spacing, k, x, normal, area, edge)
       if (.not. area > 0.0_wp) cycle
       if (is_interior(scene, r, x + probe_depth*spacing*normal)) cycle
       here = pack(named, [(lies_in_box(scene, named(s), x), s=1, size(named))])
@@ -92,6 +113,9 @@ contains
       touched(here) = .true.
       call add_point(scene, r, id + k, x, normal, area, here, first_patch + owner_of(rank, here), &
                      points, handles)
+      if (handles%edge > 0) then
+        points%field(handles%edge)%values(:, points%count) = reshape(edge, [size(edge)])
+      end if
       if (allocated(face%piece_held) .and. handles%held > 0) then
         points%field(handles%held)%values(:, points%count) = face%piece_held(:, k)
       end if
@@ -141,6 +165,7 @@ contains
       field(handles%normal)%values(:, i) = normal
       field(handles%area)%values(1, i) = area
       if (handles%held > 0) field(handles%held)%values(:, i) = normal
+      if (handles%edge > 0) field(handles%edge)%values(:, i) = 0.0_wp
       field(handles%surface)%values(:, i) = 0.0_wp
       do k = 1, size(surfaces)
         if (surfaces(k) < 0) field(handles%surface)%values(1, i) = real(surfaces(k), wp)

@@ -3,6 +3,7 @@
 !! A planar face is divided along its edges, a circle in equal angles, a sphere in rings of equal
 !! width about z and these in equal angles. Numbers of angles are multiples of 4, of rings of 2, so
 !! that halves, quarters and eighths consist of whole pieces; others are cut to their inner part.
+!! Where the box of a surface ends on a planar face, pieces end, too.
 module dosui_face_pieces
   use dosui_kinds, only: wp, i8
   use dosui_dimension, only: ndim, axis
@@ -14,12 +15,13 @@ module dosui_face_pieces
   implicit none
   private
 
-  public :: region_faces, piece_count, face_piece, is_faceted
+  public :: region_faces, end_pieces, piece_count, face_piece, is_faceted
 
   real(wp), parameter :: coarsest_facet = 4.0_wp
   !! in spacings: facets above this are resolved and held one by one [-]
   real(wp), parameter :: bend = 1.0e-6_wp        !! of mean normals of planes [-]
   integer, parameter :: samples = 16             !! of a piece that may be cut, per direction
+  real(wp), parameter :: same_place = 1.0e-6_wp  !! of ends of pieces [pieces]
   real(wp), parameter :: pi = acos(-1.0_wp)
 
 contains
@@ -51,6 +53,88 @@ contains
       faces(f)%piece_held = held(axis, :)
     end do
   end subroutine region_faces
+
+  subroutine end_pieces(face, spacing, longest, low, high)
+    !! Lets pieces of a planar face end where boxes do, if the planes of these cross one of its
+    !! edges only: a load then acts on all of its surface and on nothing else. Pieces longer than a
+    !! cell, which would leave out cells, are divided.
+    type(face_t), intent(inout) :: face
+    real(wp), intent(in) :: spacing                    !! wanted length of a piece [m]
+    real(wp), intent(in) :: longest                    !! of a piece: a cell [m]
+    real(wp), intent(in) :: low(:, :), high(:, :)      !! (ndim, boxes) [m]
+    real(wp) :: fraction(2*ndim*size(low, 2)), piece, length
+    integer :: n, e, b, d, n_even
+    logical :: is_long
+
+    if (ndim == 1 .or. face%name == 'round' .or. face%radius < huge(1.0_wp)) return
+    if (allocated(face%piece_area)) return
+    do e = 1, size(face%edge, 2)
+      n = 0
+      length = norm2(face%edge(:, e))
+      n_even = max(1, nint(length/spacing))
+      is_long = length > real(n_even, wp)*longest*(1.0_wp + same_place)
+      if (is_long) n_even = ceiling(length/longest*(1.0_wp - same_place))
+      piece = length/real(n_even, wp)
+      do b = 1, size(low, 2)
+        do d = 1, ndim
+          if (abs(face%edge(d, e)) < same_place*piece .or. &
+              any(abs(face%edge(d, :e - 1)) > same_place*piece) .or. &
+              any(abs(face%edge(d, e + 1:)) > same_place*piece)) cycle
+          call add_end(low(d, b))
+          call add_end(high(d, b))
+        end do
+      end do
+      if (n > 0 .or. is_long) call divide_between(fraction(:n), real(n_even, wp), face%ends(e)%at)
+    end do
+
+  contains
+
+    subroutine add_end(plane)
+      !! One plane, unless equal pieces end there or pieces do already.
+      real(wp), intent(in) :: plane   !! [m]
+      real(wp) :: here
+
+      if (.not. abs(plane) < huge(1.0_wp)) return
+      here = (plane - face%corner(d))/face%edge(d, e)
+      if (here*n_even < same_place .or. (1.0_wp - here)*n_even < same_place) return
+      if (abs(here*n_even - anint(here*n_even)) < same_place) return
+      if (any(abs(fraction(:n) - here)*n_even < same_place)) return
+      n = n + 1
+      fraction(n) = here
+    end subroutine add_end
+  end subroutine end_pieces
+
+  pure subroutine divide_between(fraction, wanted, at)
+    !! Ends of pieces along an edge: about equal ones between the fractions.
+    real(wp), intent(in) :: fraction(:)   !! in any order [-]
+    real(wp), intent(in) :: wanted        !! pieces in all [-]
+    real(wp), allocatable, intent(out) :: at(:)   !! (0:n)
+    real(wp) :: from, to
+    integer :: k, j, n
+    integer :: parts(size(fraction) + 1)
+    real(wp) :: ends(0:size(fraction) + 1)
+
+    ends(0) = 0.0_wp
+    do k = 1, size(fraction)
+      ends(k) = minval(fraction, mask=fraction > ends(k - 1))
+    end do
+    ends(size(fraction) + 1) = 1.0_wp
+    do k = 1, size(parts)
+      parts(k) = max(1, nint((ends(k) - ends(k - 1))*wanted))
+    end do
+    allocate (at(0:sum(parts)))
+    at(0) = 0.0_wp
+    n = 0
+    do k = 1, size(parts)
+      from = ends(k - 1)
+      to = ends(k)
+      do j = 1, parts(k)
+        n = n + 1
+        at(n) = from + (to - from)*real(j, wp)/real(parts(k), wp)
+      end do
+      at(n) = to
+    end do
+  end subroutine divide_between
 
   pure logical function is_faceted(region, name, spacing)
     !! Does a bent face, by its name, of a triangulated body have facets so large that the pieces
@@ -93,7 +177,7 @@ contains
     end if
   end function piece_count
 
-  pure subroutine face_piece(face, spacing, number, position, normal, area)
+  pure subroutine face_piece(face, spacing, number, position, normal, area, edge)
     !! Middle, outward normal and area of one piece; area 0 if it lies outside the face's cuts.
     type(face_t), intent(in) :: face
     real(wp), intent(in) :: spacing                  !! as in `piece_count` [m]
@@ -101,9 +185,12 @@ contains
     real(wp), intent(out) :: position(ndim)          !! [m]
     real(wp), intent(out) :: normal(ndim)            !! [-]
     real(wp), intent(out) :: area                    !! [m2, m in 2-D, 1 in 1-D]
+    real(wp), intent(out), optional :: edge(ndim, max(ndim - 1, 1))
+    !! that span it about its middle; 0: they are not known [m]
     real(wp) :: first(2), last(2), share(2), x(ndim), inner(ndim)
-    integer :: u, v, n_inside, n_sample(2)
+    integer :: e, u, v, n_inside, n_sample(2)
 
+    if (present(edge)) edge = 0.0_wp
     if (allocated(face%piece_area)) then
       position = face%piece_position(:, number)
       normal = face%piece_normal(:, number)
@@ -113,7 +200,13 @@ contains
     call piece_parameters(face, spacing, number, first, last, area)
     normal = face%normal
     position = face_point(face, 0.5_wp*(first + last))
-    if (.not. face%radius < huge(1.0_wp)) return
+    if (.not. face%radius < huge(1.0_wp)) then
+      if (.not. present(edge)) return
+      do e = 1, size(edge, 2)
+        edge(:, e) = (last(e) - first(e))*face%edge(:, e)
+      end do
+      return
+    end if
     n_sample = merge(samples, 1, [1, 2] < ndim)
     n_inside = 0
     inner = 0.0_wp
@@ -146,6 +239,7 @@ contains
     n = 1
     do e = 1, size(n)   ! in 1-D the only edge has no length
       n(e) = max(1, nint(norm2(face%edge(:, e))/spacing))
+      if (allocated(face%ends(e)%at)) n(e) = ubound(face%ends(e)%at, 1)
     end do
   end function divisions
 
@@ -178,7 +272,7 @@ contains
     real(wp), intent(out) :: first(2), last(2)   !! see `face_point`
     real(wp), intent(out) :: area                !! [m2]
     integer(i8) :: rest
-    integer :: n(max(ndim - 1, 1)), e, ring, n_ring, n_angle
+    integer :: n(max(ndim - 1, 1)), e, k, ring, n_ring, n_angle
 
     first = 0.0_wp
     last = 1.0_wp
@@ -187,10 +281,17 @@ contains
       n = divisions(face, spacing)
       area = 1.0_wp
       do e = 1, size(n)
-        first(e) = real(mod(rest, int(n(e), i8)), wp)/real(n(e), wp)
-        last(e) = (real(mod(rest, int(n(e), i8)), wp) + 1.0_wp)/real(n(e), wp)
+        if (allocated(face%ends(e)%at)) then
+          k = int(mod(rest, int(n(e), i8)))
+          first(e) = face%ends(e)%at(k)
+          last(e) = face%ends(e)%at(k + 1)
+          area = area*norm2(face%edge(:, e))*(last(e) - first(e))
+        else
+          first(e) = real(mod(rest, int(n(e), i8)), wp)/real(n(e), wp)
+          last(e) = (real(mod(rest, int(n(e), i8)), wp) + 1.0_wp)/real(n(e), wp)
+          if (ndim > 1) area = area*norm2(face%edge(:, e))/real(n(e), wp)
+        end if
         rest = rest/n(e)
-        if (ndim > 1) area = area*norm2(face%edge(:, e))/real(n(e), wp)
       end do
       return
     end if

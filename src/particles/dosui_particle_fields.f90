@@ -48,6 +48,7 @@ module dosui_particle_fields
     integer :: has_head = 0           !! 1 where a point that may switch has a head now [-]
     integer :: material = 0           !! of the region, in scenes with suction [-]
     integer :: held = 0               !! normal that walls hold, of triangulated bodies [-]
+    integer :: edge = 0               !! that span the piece, bodies at rest in 3-D; 0: unknown [m]
     integer :: free = 0               !! the free surface it is or may become part of, 0: none
   end type surface_handles_t
 
@@ -129,6 +130,9 @@ contains
     if (needs%switching) handles%has_head = set%add('has_head', '-', 1, yes, yes, no, yes)
     if (needs%unsaturated) handles%material = set%add('material', '-', 1, yes, yes, no, yes)
     if (needs%triangulated) handles%held = set%add('held', '-', ndim, yes, no, no, yes)
+    if (ndim == 3 .and. .not. needs%updated) then
+      handles%edge = set%add('edge', 'm', ndim*(ndim - 1), yes, no, no, yes)
+    end if
     if (needs%finds_surface) handles%free = set%add('free', '-', 1, yes, no, no, yes)
     if (.not. needs%finite) return
     handles%deformation = set%add('deformation', '-', ndim*ndim, yes, no, no, yes)

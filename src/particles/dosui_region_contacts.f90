@@ -55,6 +55,9 @@ module dosui_region_contacts
     !! vector along which it is driven, but not held; else 0 [-]
     logical, allocatable :: pulls(:)        !! of each mechanical condition: a load outwards
     type(region_gap_t), allocatable :: gap(:)
+    real(wp), allocatable :: cells_across(:)
+    !! of each body's first region: grid spacings in its thinnest direction, of those whose ends do
+    !! not lie on planes of nodes [-]
     real(wp), allocatable, private :: low(:, :), high(:, :)   !! bounds of the regions [m]
     integer, allocatable, private :: neighbour(:), first_neighbour(:)   !! regions within h
   contains
@@ -85,6 +88,7 @@ contains
     do r = 1, n
       self%body(r) = root(self%body, r)
     end do
+    call measure_bodies(self, scene)
     allocate (body(n))
     if (allocated(scene%rigid_wall)) body%n_held = ndim   ! bodies may come to rest on them
     call apply_conditions(self, scene, body)
@@ -92,6 +96,50 @@ contains
       if (self%body(r) == r) self%unheld(:, r) = unheld_direction(scene, body(r))
     end do
   end subroutine region_contacts_find
+
+  subroutine measure_bodies(self, scene)
+    !! How many cells lie across the bodies.
+    type(region_contacts_t), intent(inout) :: self
+    type(scene_t), intent(in) :: scene
+    real(wp) :: low(ndim), high(ndim)
+    logical :: is_turned(ndim)
+    integer :: r, other, d
+
+    allocate (self%cells_across(size(scene%region)), source=huge(1.0_wp))
+    do r = 1, size(scene%region)
+      if (self%body(r) /= r) cycle
+      is_turned = .false.
+      low = self%low(:, r)
+      high = self%high(:, r)
+      if (count(self%body == r) == 1 .and. scene%region(r)%shape == 'box') then   ! its own axes
+        low = scene%region(r)%box_min
+        high = scene%region(r)%box_max
+        is_turned = ndim > 1 .and. abs(scene%region(r)%shape_angle) > 0.0_wp
+        is_turned(min(2, ndim)) = is_turned(min(2, ndim)) .and. ndim == 2   ! not y
+      end if
+      do other = r + 1, size(scene%region)
+        if (self%body(other) /= r) cycle
+        low = min(low, self%low(:, other))
+        high = max(high, self%high(:, other))
+      end do
+      do d = 1, ndim
+        if (.not. is_turned(d) .and. is_plane(low(d), d) .and. is_plane(high(d), d)) cycle
+        self%cells_across(r) = min(self%cells_across(r), (high(d) - low(d))/scene%grid_spacing)
+      end do
+    end do
+
+  contains
+
+    pure logical function is_plane(place, direction)
+      !! Does a face lie on grid nodes?
+      real(wp), intent(in) :: place
+      integer, intent(in) :: direction
+      real(wp) :: node
+
+      node = (place - scene%grid_origin(direction))/scene%grid_spacing
+      is_plane = abs(node - anint(node)) < touching
+    end function is_plane
+  end subroutine measure_bodies
 
   subroutine find_neighbours(self, scene)
     !! Regions whose bounds come within a grid spacing of each other, found along the first axis.

@@ -12,6 +12,10 @@ module dosui_shapes
 
   real(wp), parameter :: degrees = acos(-1.0_wp)/180.0_wp   !! radians per degree
 
+  type :: ends_t
+    real(wp), allocatable :: at(:)   !! (0:n) fractions of an edge, from 0 to 1 [-]
+  end type ends_t
+
   type, public :: face_t
     !! A planar face: corner + sum of fractions of its edges, with the outward unit normal; or the
     !! round face of a circle or sphere between two planes in each direction; or a list of pieces.
@@ -25,6 +29,8 @@ module dosui_shapes
     real(wp) :: low(ndim) = -huge(1.0_wp)           !! cuts of a round face, about centre [m]
     real(wp) :: high(ndim) = huge(1.0_wp)
     real(wp) :: angle = 0.0_wp                      !! of these planes [deg]
+    type(ends_t) :: ends(2)
+    !! of the pieces along the edges of a planar face, where these are not equal
     real(wp), allocatable :: piece_position(:, :)   !! (ndim, n) of triangulated faces [m]
     real(wp), allocatable :: piece_normal(:, :)     !! (ndim, n) outward [-]
     real(wp), allocatable :: piece_area(:)          !! (n) [m2]

@@ -16,6 +16,7 @@ module dosui_model
   use dosui_log, only: log_t
   use dosui_materials, only: material_set_t
   use dosui_nodal_conditions, only: nodal_conditions_t
+  use dosui_outer_pressure, only: outer_pressure_t
   use dosui_particle_fields, only: particle_handles_t, surface_handles_t
   use dosui_partition, only: partition_statistics_t
   use dosui_point_set, only: point_set_t
@@ -97,6 +98,7 @@ module dosui_model
     real(wp), allocatable :: velocity(:, :)       !! (ndim, n_node) after the step [m/s]
     type(nodal_conditions_t) :: nodal_conditions
     type(surface_forces_t) :: surface_forces
+    type(outer_pressure_t) :: outer_pressure  !! pressures on surfaces that move
     type(cell_average_t) :: average
     type(cell_quadrature_t) :: quadrature
     real(wp), allocatable :: strain_increment(:, :)   !! (nsig, particles) of the step [-]

@@ -10,6 +10,7 @@ module dosui_skeleton_step
                                  book_surface_forces, close_step, keep_undamped
   use dosui_grid_to_particle, only: grid_to_particles
   use dosui_model, only: model_t
+  use dosui_moving_loads, only: add_moving_loads
   use dosui_particle_to_grid, only: particles_to_grid
   use dosui_pore_water, only: bearing_pressure
   use dosui_rigid_walls, only: meet_walls, rest_on_walls
@@ -244,6 +245,7 @@ contains
                                       field(h%displacement)%values(:, 1:n), &
                                       field(h%velocity)%values(:, 1:n), model%nodal(2 + ndim:, :))
     end associate
+    if (model%updated) call add_moving_loads(model)
   end subroutine add_surface_forces
 
   subroutine update_nodes(model, is_held, taken)

@@ -11,7 +11,9 @@ module dosui_topology
   use dosui_keys, only: pack_key
   use dosui_model, only: model_t
   use dosui_neighbours, only: build_neighbours
+  use dosui_moving_loads, only: build_moving_loads
   use dosui_nodal_conditions, only: point_on_grid_plane
+  use dosui_outer_pressure, only: is_pressure
   use dosui_particle_to_grid, only: particles_to_grid
   use dosui_partition, only: partition_bricks
   use dosui_point_set, only: cell_order, point_set_t
@@ -421,6 +423,7 @@ contains
     integer, intent(in) :: handle   !! positions that the geometry is built from
     real(wp), allocatable :: nodal(:, :), held(:, :)
     integer, allocatable :: patch(:), cell(:), host(:)
+    logical, allocatable :: at_points(:, :)   ! conditions whose forces surface points spread
     integer :: n, m, n_lost, surface_handle
 
     n = model%particles%count
@@ -451,13 +454,18 @@ contains
         host = model%quadrature%host
       end if
       if (h%held > 0) held = field(h%held)%values(:, 1:m)
+      at_points = model%by_force
+      if (model%updated) at_points = at_points .and. &
+                                     .not. spread(is_pressure(model%scene%mechanical_condition), &
+                                                  2, m)
       call model%surface_forces%init(model%comm, model%grid, m, model%surface_cell, &
                                      field(surface_handle)%values(:, 1:m), &
                                      field(h%normal)%values(:, 1:m), &
                                      field(h%area)%values(1, 1:m), nodal(1, :), model%density, &
                                      wall_modulus(model), model%scene%mechanics%penalty, &
-                                     model%by_force, host, held)
+                                     at_points, host, held)
     end associate
+    if (model%updated) call build_moving_loads(model, surface_handle, cell)
     model%lifted = model%centred .and. &
                    model%comm%any(model%surface_forces%has_lifts(model%scene%mechanical_condition))
   end subroutine build_conditions

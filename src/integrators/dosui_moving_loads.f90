@@ -5,7 +5,7 @@ module dosui_moving_loads
   use dosui_cell_average, only: cell_sums
   use dosui_force_balance, only: book_loads
   use dosui_model, only: model_t
-  use dosui_outer_pressure, only: pressure_forces, role_backed, role_open
+  use dosui_outer_pressure, only: pressure_forces
   use dosui_scene, only: rigid_wall_t
   implicit none
   private
@@ -60,8 +60,7 @@ contains
                            field(h%position)%values(:, 1:m), model%by_force, given)
       call add_body_part(model, nodal, force)
       call model%surface_forces%values_of(nodal, met)
-      met = merge(given - met, merge(-met, 0.0_wp, outer%role == role_backed), &
-                  outer%role == role_open)
+      met = merge(given - met, 0.0_wp, outer%is_open)
       associate (area => field(h%area)%values(1, 1:m), normal => field(h%normal)%values(:, 1:m))
         call model%surface_forces%press(area, normal, met, force)
         call model%surface_forces%press(area, normal, given, load)

@@ -9,10 +9,10 @@
 !! where forces on a cell's corners balance it roughly. P is p times a share that is 1 on the
 !! condition's surface, 0 on other open surfaces and harmonic in between.
 !!
-!! What P does not meet (at the rim of a load) and what penalty walls have to be given back are
-!! forces at the surface's points. Nodes that a wall holds, or that a rigid wall may stop, feel the
-!! load itself along the wall's normal, and not - int (P grad N_i + N_i grad P), which there is
-!! the wall's part: friction, separation and reactions see stresses and loads only.
+!! What P does not meet, at the rim of a load, are forces at the surface's points. Nodes that a wall
+!! holds or may stop feel the load itself along the wall's normal: - int (P grad N_i + N_i grad P)
+!! is there what the integral over the walls gives back, so that friction, separation and
+!! reactions see stresses and loads only.
 module dosui_outer_pressure
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim
@@ -23,10 +23,6 @@ module dosui_outer_pressure
   use dosui_cell_quadrature, only: hat_gradients
   implicit none
   private
-
-  integer, parameter, public :: role_shut = 0     !! walls on nodes, rigid walls, barriers
-  integer, parameter, public :: role_open = 1     !! loaded or free
-  integer, parameter, public :: role_backed = 2   !! walls by forces at points
 
   real(wp), parameter :: empty_share = 1.0e-3_wp   !! conductance of cells without particles [-]
   real(wp), parameter :: converged = 1.0e-13_wp    !! residual over the first one [-]
@@ -40,7 +36,7 @@ module dosui_outer_pressure
     logical :: acts = .false.               !! on any rank
     integer, allocatable :: condition(:)    !! the mechanical conditions that are pressures
     real(wp), allocatable :: share(:, :)    !! (conditions, n_node) of their pressures in P [-]
-    integer, allocatable :: role(:)         !! of the surface points
+    logical, allocatable :: is_open(:)      !! surface points that no wall is at
     integer, allocatable :: wall_node(:)    !! nodes that walls hold or may stop ...
     real(wp), allocatable :: wall_normal(:, :)   !! ... and along which direction [-]
   contains
@@ -60,10 +56,17 @@ contains
     is_pressure = condition%kind == 'pressure' .or. condition%kind == 'reservoir'
   end function is_pressure
 
+  pure elemental logical function is_wall(condition)
+    !! Does a condition answer the body?
+    type(mechanical_condition_t), intent(in) :: condition
+
+    is_wall = .not. condition%is_load() .or. condition%kind == 'absorbing'
+  end function is_wall
+
   subroutine outer_pressure_init(self, comm, grid, conditions, walls, n, particle_cell, n_point, &
                                  cell, position, normal, area, by_force, on_nodes, is_shut, &
                                  held_node, held_direction)
-    !! Roles of the surface points, shares of the pressures, and the nodes of walls. Collective.
+    !! Shares of the pressures, and the nodes of walls. Collective.
     class(outer_pressure_t), intent(inout) :: self
     type(communicator_t), intent(in) :: comm
     type(grid_t), intent(inout) :: grid
@@ -84,20 +87,17 @@ contains
     integer :: c, k, p
 
     self%condition = pack([(c, c=1, size(conditions))], is_pressure(conditions))
-    if (allocated(self%role)) deallocate (self%role, self%share)
-    allocate (self%role(n_point), source=role_open)
+    if (allocated(self%is_open)) deallocate (self%is_open, self%share)
+    allocate (self%is_open(n_point))
     do p = 1, n_point
-      if (any(by_force(self%condition, p))) cycle
-      if (any(on_nodes(:, p)) .or. is_shut(p) .or. &
-          lies_on(walls, position(:, p), normal(:, p), near_wall*grid%spacing)) then
-        self%role(p) = role_shut
-      else if (any(by_force(:, p) .and. conditions%kind /= 'traction')) then
-        self%role(p) = role_backed
-      end if
+      self%is_open(p) = any(by_force(self%condition, p)) .or. &
+                        .not. (is_shut(p) .or. any(on_nodes(:, p)) .or. &
+                               any(by_force(:, p) .and. is_wall(conditions)) .or. &
+                               lies_on(walls, position(:, p), normal(:, p), near_wall*grid%spacing))
     end do
     allocate (open_area(1 + size(self%condition), grid%n_node), source=0.0_wp)
     do p = 1, n_point
-      if (self%role(p) /= role_open .or. cell(p) == 0) cycle
+      if (.not. self%is_open(p) .or. cell(p) == 0) cycle
       do k = 1, 2**ndim
         associate (sums => open_area(:, grid%cell_node(k, cell(p))))
           sums(1) = sums(1) + area(p)
@@ -117,6 +117,10 @@ contains
     end do
     self%acts = comm%any(any(abs(self%share) > 0.0_wp))
     call find_wall_nodes(self, grid, walls, held_node, held_direction)
+    do c = 1, size(conditions)
+      if (is_wall(conditions(c))) call add_wall_points(self, comm, grid, cell, normal, area, &
+                                                       by_force(c, :))
+    end do
   end subroutine outer_pressure_init
 
   pure logical function lies_on(walls, position, normal, reach)
@@ -258,6 +262,37 @@ contains
                                  [ndim, size(self%wall_node)])
     end do
   end subroutine find_wall_nodes
+
+  subroutine add_wall_points(self, comm, grid, cell, normal, area, is_here)
+    !! Nodes of the cells that a wall off the planes of nodes runs through. Collective.
+    class(outer_pressure_t), intent(inout) :: self
+    type(communicator_t), intent(in) :: comm
+    type(grid_t), intent(inout) :: grid
+    integer, intent(in) :: cell(:)           !! of the surface points, 0: none
+    real(wp), intent(in) :: normal(:, :)     !! (ndim, points) [-]
+    real(wp), intent(in) :: area(:)          !! [m2]
+    logical, intent(in) :: is_here(:)        !! points of the wall
+    real(wp) :: mean(ndim, grid%n_node)
+    integer, allocatable :: nodes(:)
+    integer :: i, k, p
+
+    mean = 0.0_wp
+    do p = 1, size(cell)
+      if (.not. is_here(p) .or. cell(p) == 0) cycle
+      do k = 1, 2**ndim
+        associate (node => grid%cell_node(k, cell(p)))
+          mean(:, node) = mean(:, node) + area(p)*normal(:, p)
+        end associate
+      end do
+    end do
+    call grid%node_map%scatter_add(comm, ndim, mean)
+    call grid%node_map%gather(comm, ndim, mean)
+    nodes = pack([(i, i=1, grid%n_node)], sum(mean**2, dim=1) > 0.0_wp)
+    self%wall_node = [self%wall_node, nodes]
+    self%wall_normal = reshape([self%wall_normal, &
+                                (mean(:, nodes(i))/norm2(mean(:, nodes(i))), i=1, size(nodes))], &
+                               [ndim, size(self%wall_node)])
+  end subroutine add_wall_points
 
   pure subroutine outer_pressure_at_nodes(self, conditions, grid, time, pressure)
     !! P at the nodes [Pa].

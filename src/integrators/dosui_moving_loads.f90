@@ -101,7 +101,8 @@ contains
         end do
         call model%quadrature%forces(model%grid, model%average%cell_weight, stress, force)
       end if
-      call pressure_forces(model%grid, n, model%patch, position, model%weight, own, slope, force)
+      call pressure_forces(model%grid, n, model%patch, position, model%weight, &
+                           model%particles%field(model%p%volume)%values(1, 1:n), own, slope, force)
     end associate
   end subroutine add_body_part
 end module dosui_moving_loads

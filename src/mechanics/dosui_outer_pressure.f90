@@ -381,13 +381,15 @@ contains
     end do
   end subroutine outer_pressure_take_at_walls
 
-  pure subroutine pressure_forces(grid, n, patch, position, weight, pressure, slope, force)
-    !! Adds - sum w (P grad N_i + N_i grad P) over particles to the nodal forces.
+  pure subroutine pressure_forces(grid, n, patch, position, weight, volume, pressure, slope, force)
+    !! Adds - sum (w P grad N_i + V N_i grad P) over particles to the nodal forces: P as stresses
+    !! are integrated, its gradient as the weight is.
     type(grid_t), intent(in) :: grid
     integer, intent(in) :: n
     integer, intent(in) :: patch(n)
     real(wp), intent(in) :: position(:, :)     !! (ndim, n) [m]
-    real(wp), intent(in) :: weight(n)          !! [m3]
+    real(wp), intent(in) :: weight(n)          !! in integrals of stresses [m3]
+    real(wp), intent(in) :: volume(n)          !! [m3]
     real(wp), intent(in) :: pressure(n)        !! P, compression positive [Pa]
     real(wp), intent(in) :: slope(:, :)        !! (ndim, n) grad P [Pa/m]
     real(wp), intent(inout) :: force(:, :)     !! (ndim, n_node) [N]
@@ -403,9 +405,8 @@ contains
                          grid%patch_fold, groups, share, gradient)
       do i = 1, size(grid%patch_node, 1)
         node = grid%patch_node(i, patch(p))
-        force(:, node) = force(:, node) - &
-                         weight(p)*(pressure(p)*gradient(i:i + (ndim - 1)*padded:padded) + &
-                                    share(i)*slope(:, p))
+        force(:, node) = force(:, node) - volume(p)*share(i)*slope(:, p) - &
+                         weight(p)*pressure(p)*gradient(i:i + (ndim - 1)*padded:padded)
       end do
     end do
   end subroutine pressure_forces

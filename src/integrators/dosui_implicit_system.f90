@@ -273,11 +273,12 @@ contains
       call cell_strain_operators(model%grid, cell, model%patch(particle), &
                                  model%particles%field(model%p%position)%values(:, particle), &
                                  model%weight(particle), model%averaged, operators, &
-                                 centre=centre(:, :, cell))
+                                 centre=centre(:, :, cell), particle=particle)
     else
       call cell_strain_operators(model%grid, cell, model%patch(particle), &
                                  model%particles%field(model%p%position)%values(:, particle), &
-                                 model%weight(particle), model%averaged, operators)
+                                 model%weight(particle), model%averaged, operators, &
+                                 particle=particle)
     end if
   end subroutine operators_of_cell
 

@@ -47,25 +47,27 @@ contains
   subroutine add_moving_loads(model)
     !! Adds the forces of pressures to this rank's nodal forces. Collective.
     type(model_t), intent(inout) :: model
-    real(wp), allocatable :: nodal(:), force(:, :), load(:, :), given(:), met(:)
+    real(wp), allocatable :: nodal(:), force(:, :), load(:, :), given(:), met(:), of_tractions(:)
     integer :: m
 
     if (.not. model%outer_pressure%acts) return
     m = model%surface%count
-    allocate (nodal(model%grid%n_node), given(m), met(m))
+    allocate (nodal(model%grid%n_node), given(m), met(m), of_tractions(m))
     allocate (force(ndim, model%grid%n_node), load(ndim, model%grid%n_node), source=0.0_wp)
     associate (field => model%surface%field, h => model%s, outer => model%outer_pressure)
       call outer%at_nodes(model%scene%mechanical_condition, model%grid, model%clock%time, nodal)
       call outer%at_points(model%scene%mechanical_condition, model%clock%time, &
-                           field(h%position)%values(:, 1:m), model%by_force, given)
+                           field(h%position)%values(:, 1:m), field(h%normal)%values(:, 1:m), &
+                           model%by_force, given, of_tractions)
       call add_body_part(model, nodal, force)
       call model%surface_forces%values_of(nodal, met)
       met = merge(given - met, 0.0_wp, outer%is_open)
       associate (area => field(h%area)%values(1, 1:m), normal => field(h%normal)%values(:, 1:m))
         call model%surface_forces%press(area, normal, met, force)
         call model%surface_forces%press(area, normal, given, load)
+        call outer%take_at_walls(load, force)
+        call model%surface_forces%press(area, normal, -of_tractions, force)   ! there already
       end associate
-      call outer%take_at_walls(load, force)
     end associate
     if (model%reactions%is_wanted) call book_loads(model, force)
     model%nodal(2 + ndim:, :) = model%nodal(2 + ndim:, :) + force

@@ -34,6 +34,8 @@ module dosui_topology
   real(wp), parameter :: inward = 1.0e-3_wp          !! surface points lie in the cell inside [h]
   real(wp), parameter :: imbalance_limit = 1.2_wp    !! repartition above this
   real(wp), parameter :: stiffest_walls = 1.0e3_wp   !! penalty walls over the drained modulus [-]
+  real(wp), parameter :: least_stretch = 0.2_wp      !! of GIMP domains that follow [-]
+  real(wp), parameter :: largest_stretch = 1.5_wp    !! likewise [-]
   integer(i8), parameter :: bricks_per_rank = 64_i8  !! aimed at
 
 contains
@@ -56,6 +58,7 @@ contains
       call copy_field(model%particles, model%p%position, model%p%position_at_build)
       call copy_field(model%surface, model%s%position, model%s%position_at_build)
       if (model%updated) call turn_surfaces(model)
+      if (model%p%half_domain > 0) call stretch_domains(model)
     end if
     if (.not. allocated(model%brick_key) .or. is_unbalanced(model)) call partition(model, err)
     if (err%failed()) return
@@ -69,6 +72,25 @@ contains
     end if
     call sort_points(model)
   end subroutine distribute
+
+  pure subroutine stretch_domains(model)
+    !! Half domains of the particles: the first one times |F_aa|, within limits and what patches
+    !! of three nodes hold (cpGIMP: Wallstedt & Guilkey 2008; the corners stay along the axes:
+    !! Charlton et al. 2017).
+    type(model_t), intent(inout) :: model
+    real(wp) :: stretch
+    integer :: a, p
+
+    associate (f => model%particles%field(model%p%deformation)%values, &
+               half => model%particles%field(model%p%half_domain)%values)
+      do p = 1, model%particles%count
+        do a = 1, ndim
+          stretch = min(max(abs(f(a + (a - 1)*ndim, p)), least_stretch), largest_stretch)
+          half(a, p) = min(0.5_wp, 0.5_wp*model%spacing/model%scene%grid_spacing*stretch)
+        end do
+      end do
+    end associate
+  end subroutine stretch_domains
 
   subroutine check_reach(model, err)
     !! Stops before a particle is so far away that the numbers of cells end. Collective.
@@ -321,6 +343,9 @@ contains
                           model%surface%count, inside, &
                           nint(model%scene%grid_period/model%scene%grid_spacing))
     model%grid%half_domain = min(0.5_wp, 0.5_wp*model%spacing/model%scene%grid_spacing)
+    if (model%p%half_domain > 0) then
+      model%grid%domain = model%particles%field(model%p%half_domain)%values(:, 1:n)
+    end if
     call allocate_arrays(model)
     call model%grid%locate(n, model%particles%field(model%p%position)%values(:, 1:n), model%patch, &
                            model%cell, n_lost)

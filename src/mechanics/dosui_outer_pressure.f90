@@ -1,4 +1,5 @@
-!! Pressures on surfaces that move through the grid, as a stress of the cells inside.
+!! Pressures on surfaces that move through the grid, as a stress of the cells inside; the part of
+!! tractions along the surface's normal is a pressure, too.
 !!
 !! With any field P that equals the pressure p on loaded surfaces and 0 on free ones (Gauss)
 !!
@@ -19,7 +20,7 @@ module dosui_outer_pressure
   use dosui_communicator, only: communicator_t
   use dosui_grid, only: grid_t
   use dosui_scene, only: mechanical_condition_t, rigid_wall_t
-  use dosui_shape_functions, only: corner_hats, group_count, n_group, n_group_wide, patch_weights
+  use dosui_shape_functions, only: corner_hats, group_count, n_group, n_group_wide
   use dosui_cell_quadrature, only: hat_gradients
   implicit none
   private
@@ -27,6 +28,7 @@ module dosui_outer_pressure
   real(wp), parameter :: empty_share = 1.0e-3_wp   !! conductance of cells without particles [-]
   real(wp), parameter :: converged = 1.0e-13_wp    !! residual over the first one [-]
   integer, parameter :: most_iterations = 10000
+  real(wp), parameter :: same = 1.0e-12_wp         !! of values that are one but for round-off [-]
   real(wp), parameter :: near_wall = 0.5_wp        !! of surface points on rigid walls [h]
   real(wp), parameter :: on_plane = 1.0e-9_wp      !! [h]
 
@@ -34,8 +36,9 @@ module dosui_outer_pressure
 
   type, public :: outer_pressure_t
     logical :: acts = .false.               !! on any rank
-    integer, allocatable :: condition(:)    !! the mechanical conditions that are pressures
-    real(wp), allocatable :: share(:, :)    !! (conditions, n_node) of their pressures in P [-]
+    integer, allocatable :: condition(:)    !! the mechanical conditions that are loads
+    real(wp), allocatable :: share(:, :)
+    !! (conditions, n_node) of their pressures in P [-]; of tractions - value . n [Pa]
     logical, allocatable :: is_open(:)      !! surface points that no wall is at
     integer, allocatable :: wall_node(:)    !! nodes that walls hold or may stop ...
     real(wp), allocatable :: wall_normal(:, :)   !! ... and along which direction [-]
@@ -63,6 +66,28 @@ contains
     is_wall = .not. condition%is_load() .or. condition%kind == 'absorbing'
   end function is_wall
 
+  pure real(wp) function normal_part(condition, normal) result(part)
+    !! What the condition's pattern is to be multiplied by for the pressure into the body.
+    type(mechanical_condition_t), intent(in) :: condition
+    real(wp), intent(in) :: normal(ndim)   !! outward [-]
+
+    part = 1.0_wp
+    if (condition%kind == 'traction') part = -dot_product(condition%value, normal)
+  end function normal_part
+
+  pure real(wp) function pressure_of(condition, time, position) result(value)
+    !! The pressure of a condition whose normal part is 1 [Pa], or the pattern of a traction [-].
+    type(mechanical_condition_t), intent(in) :: condition
+    real(wp), intent(in) :: time             !! [s]
+    real(wp), intent(in) :: position(ndim)   !! [m]
+
+    if (condition%kind == 'traction') then
+      value = condition%pattern%at(time, position)
+    else
+      value = condition%pressure_at(time, position)
+    end if
+  end function pressure_of
+
   subroutine outer_pressure_init(self, comm, grid, conditions, walls, n, particle_cell, n_point, &
                                  cell, position, normal, area, by_force, on_nodes, is_shut, &
                                  held_node, held_direction)
@@ -86,7 +111,8 @@ contains
     real(wp), allocatable :: open_area(:, :), weight(:)
     integer :: c, k, p
 
-    self%condition = pack([(c, c=1, size(conditions))], is_pressure(conditions))
+    self%condition = pack([(c, c=1, size(conditions))], is_pressure(conditions) .or. &
+                          conditions%kind == 'traction')
     if (allocated(self%is_open)) deallocate (self%is_open, self%share)
     allocate (self%is_open(n_point))
     do p = 1, n_point
@@ -101,7 +127,10 @@ contains
       do k = 1, 2**ndim
         associate (sums => open_area(:, grid%cell_node(k, cell(p))))
           sums(1) = sums(1) + area(p)
-          where (by_force(self%condition, p)) sums(2:) = sums(2:) + area(p)
+          do c = 1, size(self%condition)
+            if (by_force(self%condition(c), p)) sums(1 + c) = sums(1 + c) + area(p)* &
+              normal_part(conditions(self%condition(c)), normal(:, p))
+          end do
         end associate
       end do
     end do
@@ -171,10 +200,10 @@ contains
     real(wp) :: gamma, gamma_new, first, least, most
     integer :: k
 
-    least = comm%minimum(minval([1.0_wp, pack(share, is_given)]))
-    most = comm%maximum(maxval([0.0_wp, pack(share, is_given)]))
-    if (least > most - 1.0e-12_wp .or. .not. most > 0.0_wp) then
-      where (.not. is_given) share = most
+    least = comm%minimum(minval([huge(1.0_wp), pack(share, is_given)]))
+    most = comm%maximum(maxval([-huge(1.0_wp), pack(share, is_given)]))
+    if (.not. most - least > same*max(abs(least), abs(most))) then   ! one value, or none is given
+      where (.not. is_given) share = merge(most, 0.0_wp, most >= least)
       return
     end if
     counts = grid%node_map%is_owned(:size(share)) .and. .not. is_given
@@ -310,32 +339,41 @@ contains
       associate (condition => conditions(self%condition(k)))
         varies = condition%kind == 'reservoir' .or. allocated(condition%pattern%formula)
         value = 0.0_wp
-        if (.not. varies) value = condition%pressure_at(time, grid%origin)
+        if (.not. varies) value = pressure_of(condition, time, grid%origin)
         do i = 1, grid%n_node
           if (.not. abs(self%share(k, i)) > 0.0_wp) cycle
-          if (varies) value = condition%pressure_at(time, grid%origin + &
-                                                    grid%spacing*grid%node_index(:, i))
+          if (varies) value = pressure_of(condition, time, grid%origin + &
+                                          grid%spacing*grid%node_index(:, i))
           pressure(i) = pressure(i) + self%share(k, i)*value
         end do
       end associate
     end do
   end subroutine outer_pressure_at_nodes
 
-  pure subroutine outer_pressure_at_points(self, conditions, time, position, by_force, pressure)
-    !! The conditions' pressures at the surface points [Pa].
+  pure subroutine outer_pressure_at_points(self, conditions, time, position, normal, by_force, &
+                                           pressure, of_tractions)
+    !! The conditions' pressures at the surface points.
     class(outer_pressure_t), intent(in) :: self
     type(mechanical_condition_t), intent(in) :: conditions(:)
     real(wp), intent(in) :: time              !! [s]
     real(wp), intent(in) :: position(:, :)    !! (ndim, points) [m]
+    real(wp), intent(in) :: normal(:, :)      !! likewise: outward [-]
     logical, intent(in) :: by_force(:, :)     !! (conditions, points)
     real(wp), intent(out) :: pressure(:)      !! into the body [Pa]
+    real(wp), intent(out) :: of_tractions(:)  !! what tractions have in it [Pa]
+    real(wp) :: value
     integer :: k, p
 
     pressure = 0.0_wp
+    of_tractions = 0.0_wp
     do p = 1, size(pressure)
       do k = 1, size(self%condition)
         if (.not. by_force(self%condition(k), p)) cycle
-        pressure(p) = pressure(p) + conditions(self%condition(k))%pressure_at(time, position(:, p))
+        associate (condition => conditions(self%condition(k)))
+          value = normal_part(condition, normal(:, p))*pressure_of(condition, time, position(:, p))
+          if (condition%kind == 'traction') of_tractions(p) = of_tractions(p) + value
+        end associate
+        pressure(p) = pressure(p) + value
       end do
     end do
   end subroutine outer_pressure_at_points
@@ -400,9 +438,7 @@ contains
     padded = n_group*groups
     do p = 1, n
       if (.not. (abs(pressure(p)) > 0.0_wp .or. any(abs(slope(:, p)) > 0.0_wp))) cycle
-      call patch_weights(grid%shape_kind, grid%half_domain, grid%origin, grid%spacing, 1, &
-                         patch(p:p), position(:, p:p), grid%n_patch, grid%patch_base, &
-                         grid%patch_fold, groups, share, gradient)
+      call grid%weigh(p, 1, patch(p:p), position(:, p:p), groups, share, gradient)
       do i = 1, size(grid%patch_node, 1)
         node = grid%patch_node(i, patch(p))
         force(:, node) = force(:, node) - volume(p)*share(i)*slope(:, p) - &

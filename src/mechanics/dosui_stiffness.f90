@@ -57,7 +57,7 @@ contains
   end subroutine cell_lists
 
   subroutine cell_strain_operators(grid, cell, patch, position, weight, averaged, operators, &
-                                   centre, inverse, reference)
+                                   centre, inverse, reference, particle)
     !! Strain operators of the particles of one cell.
     type(grid_t), intent(in) :: grid
     integer, intent(in) :: cell
@@ -73,7 +73,8 @@ contains
     real(wp), intent(in), optional :: reference(:)
     !! (particles) with `inverse` and `centre`: undeformed volumes, with which the mean of the
     !! gradients becomes that of C before anything is deformed [m3]
-    real(wp), allocatable :: w(:), gradient(:), own(:, :, :), mean(:, :), trace(:), mean_trace(:)
+    integer, intent(in), optional :: particle(:)   !! numbers, where domains follow the deformation
+    real(wp), allocatable :: w(:), gradient(:), domain(:, :), own(:, :, :), mean(:, :), trace(:), mean_trace(:)
     integer, allocatable :: local(:)
     integer :: m, n_groups, n_patch_node, p, i, k, a, b, column
     logical :: is_centred
@@ -82,9 +83,10 @@ contains
     n_groups = group_count(grid%shape_kind)
     n_patch_node = size(grid%patch_node, 1)
     allocate (w(n_group*n_group_wide*m), gradient(n_group*n_group_wide*ndim*m))
+    if (allocated(grid%domain) .and. present(particle)) domain = grid%domain(:, particle)
     call patch_weights(grid%shape_kind, grid%half_domain, grid%origin, grid%spacing, m, patch, &
                        position, grid%n_patch, grid%patch_base, grid%patch_fold, n_groups, w, &
-                       gradient)
+                       gradient, domain)
     call collect_nodes(grid, cell, patch, present(centre) .or. present(inverse), operators)
     if (allocated(operators%strain)) deallocate (operators%strain, operators%volume)
     allocate (own(nsig, ndim*operators%n_node, m), source=0.0_wp)

@@ -22,7 +22,8 @@ module dosui_particle_fields
     integer :: affine = 0             !! APIC velocity gradient [1/s]
     integer :: pore_pressure = 0      !! compression positive [Pa]
     integer :: conductivity = 0       !! k [m/s]
-    integer :: deformation = 0        !! F_ab = dx_a/dX_b at a + (b - 1) ndim, finite strains [-]
+    integer :: deformation = 0        !! F_ab = dx_a/dX_b at a + (b - 1) ndim, where needed [-]
+    integer :: half_domain = 0        !! over h, when built, of GIMP domains that follow F [-]
     integer :: reference_volume = 0   !! before any deformation, finite strains [m3]
     integer :: state = 0              !! state variables of the materials
     integer :: start_pressure = 0     !! pore pressure before any load, adaptive steps only [Pa]
@@ -61,6 +62,7 @@ module dosui_particle_fields
     logical :: finds_surface = .false. !! free surfaces are found as bodies move
     integer :: n_state = 0             !! state variables of the materials
     integer :: n_surface = 0           !! surfaces that the scene names
+    logical :: following = .false.     !! particles' domains follow their deformation
     logical :: triangulated = .false.  !! facets stand for smooth surfaces
   end type field_needs_t
 
@@ -88,8 +90,11 @@ contains
     if (needs%affine) handles%affine = set%add('affine', '1/s', ndim*ndim, yes, no, no, yes)
     if (needs%updated .or. needs%finite) handles%position_at_build = &
       set%add('position_at_build', 'm', ndim, yes, yes, no, yes)
+    if (needs%following) handles%half_domain = &
+      set%add('half_domain', '-', ndim, yes, no, no, yes)
+    if (needs%finite .or. needs%following) handles%deformation = &
+      set%add('deformation', '-', ndim*ndim, yes, no, no, yes)
     if (needs%finite) then
-      handles%deformation = set%add('deformation', '-', ndim*ndim, yes, no, no, yes)
       handles%reference_volume = set%add('reference_volume', 'm3', 1, yes, no, no, yes)
     end if
     if (needs%finds_surface) then

@@ -81,6 +81,7 @@ contains
                           switching=model%switching, unsaturated=model%unsaturated, &
                           finds_surface=model%finds_surface, n_state=model%materials%n_state(), &
                           n_surface=size(scene%surface), &
+                          following=model%updated .and. scene%shape_function == 'cpgimp', &
                           triangulated=any(scene%region%shape == 'stl'))
     call register_particle_fields(model%particles, model%p, needs)
     call register_surface_fields(model%surface, model%s, needs)
@@ -165,6 +166,7 @@ contains
         model%particles%field(model%p%pore_pressure)%values
     end if
     if (model%finite) call start_undeformed(model)
+    if (model%p%deformation > 0) call start_gradients(model)
     if (model%updated) model%surface%field(model%s%outward_area)%values = outward_areas(model)
     model%particles%field(model%p%mass)%values = model%particles%field(model%p%mass)%values* &
                                                  model%scene%mechanics%density_scaling
@@ -199,12 +201,21 @@ contains
     end associate
     associate (field => model%particles%field, h => model%p)
       field(h%reference_volume)%values = field(h%volume)%values
-      field(h%deformation)%values = 0.0_wp
-      do a = 1, ndim
-        field(h%deformation)%values(a + (a - 1)*ndim, :) = 1.0_wp
-      end do
     end associate
   end subroutine start_undeformed
+
+  subroutine start_gradients(model)
+    !! Deformation gradients of particles before any deformation.
+    type(model_t), intent(inout) :: model
+    integer :: a
+
+    associate (f => model%particles%field(model%p%deformation)%values)
+      f = 0.0_wp
+      do a = 1, ndim
+        f(a + (a - 1)*ndim, :) = 1.0_wp
+      end do
+    end associate
+  end subroutine start_gradients
 
   pure function outward_areas(model) result(area)
     !! Areas of the surface points along their normals [m2].

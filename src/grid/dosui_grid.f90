@@ -13,7 +13,7 @@ module dosui_grid
   use dosui_communicator, only: communicator_t
   use dosui_index_map, only: index_map_t
   use dosui_keys, only: pack_key, unpack_key
-  use dosui_shape_functions, only: shape_linear, shape_width, shape_shift
+  use dosui_shape_functions, only: n_group, patch_weights, shape_linear, shape_shift, shape_width
   use dosui_sort, only: sort_permutation, unique_sorted, binary_search
   implicit none
   private
@@ -30,6 +30,8 @@ module dosui_grid
     integer :: shape_kind = shape_linear
     integer :: width = 2                           !! nodes per direction and particle
     real(wp) :: half_domain = 0.25_wp              !! GIMP: half a particle's side over h [-]
+    real(wp), allocatable :: domain(:, :)
+    !! (ndim, particles) likewise of each particle, where domains follow the deformation [-]
     integer :: period(ndim) = 0                    !! cells after which nodes repeat, 0: never
     integer :: n_node = 0, n_patch = 0, n_cell = 0, n_block = 0
     integer(i8), allocatable :: node_key(:), patch_key(:), cell_key(:), block_key(:)
@@ -44,6 +46,7 @@ module dosui_grid
   contains
     procedure :: build => grid_build
     procedure :: locate => grid_locate
+    procedure :: weigh => grid_weigh
     procedure :: corner_index => grid_corner_index
     procedure :: find_ends => grid_find_ends
     procedure :: memory_bytes => grid_memory_bytes
@@ -427,6 +430,28 @@ contains
       n_lost = count(patch == 0 .or. cell == 0)
     end if
   end subroutine grid_locate
+
+  pure subroutine grid_weigh(self, first, n, patch, position, n_groups, weight, gradient)
+    !! Weights and gradients at the nodes of the patches of particles first, first + 1, ...
+    class(grid_t), intent(in) :: self
+    integer, intent(in) :: first                  !! number of the first particle
+    integer, intent(in) :: n
+    integer, intent(in) :: patch(n)
+    real(wp), intent(in) :: position(ndim, n)     !! [m]
+    integer, intent(in) :: n_groups               !! of group_count
+    real(wp), intent(out) :: weight(n_group, n_groups, n)            !! [-]
+    real(wp), intent(out) :: gradient(n_group, n_groups, ndim, n)    !! [1/m]
+
+    if (allocated(self%domain)) then
+      call patch_weights(self%shape_kind, self%half_domain, self%origin, self%spacing, n, patch, &
+                         position, self%n_patch, self%patch_base, self%patch_fold, n_groups, &
+                         weight, gradient, self%domain(:, first:first + n - 1))
+    else
+      call patch_weights(self%shape_kind, self%half_domain, self%origin, self%spacing, n, patch, &
+                         position, self%n_patch, self%patch_base, self%patch_fold, n_groups, &
+                         weight, gradient)
+    end if
+  end subroutine grid_weigh
 
   subroutine grid_find_ends(self, comm, n, cell, position, margin)
     !! Finds the patches on whose one side all cells are empty, and stay so while particles move by

@@ -54,12 +54,12 @@ contains
 
   pure integer function shape_kind_of(name) result(kind)
     !! Kind of the shape functions with this name in a scene, 0 for an unknown name.
-    character(len=*), intent(in) :: name   !! 'linear', 'gimp' or 'bspline'
+    character(len=*), intent(in) :: name   !! 'linear', 'gimp', 'cpgimp' or 'bspline'
 
     select case (name)
     case ('linear')
       kind = shape_linear
-    case ('gimp')
+    case ('gimp', 'cpgimp')   ! the latter with domains that follow the deformation
       kind = shape_gimp
     case ('bspline')
       kind = shape_bspline
@@ -154,7 +154,7 @@ contains
   end subroutine patch_offsets
 
   pure subroutine patch_weights(kind, half_domain, origin, spacing, n, patch, position, n_patch, &
-                                patch_base, patch_fold, n_groups, weight, gradient)
+                                patch_base, patch_fold, n_groups, weight, gradient, domain)
     !! Kernel: weights and gradients at the nodes of each particle's patch, x fastest, in groups.
     integer, intent(in) :: kind
     real(wp), intent(in) :: half_domain                   !! GIMP only [-]
@@ -168,13 +168,15 @@ contains
     integer, intent(in) :: n_groups                       !! of group_count
     real(wp), intent(out) :: weight(n_group, n_groups, n)            !! [-]
     real(wp), intent(out) :: gradient(n_group, n_groups, ndim, n)    !! [1/m]
+    real(wp), intent(in), optional :: domain(ndim, n)
+    !! GIMP: half domains of each particle over h, instead of the one [-]
 
     if (kind == shape_linear) then
       call linear_patch_weights(origin, spacing, n, patch, position, n_patch, patch_base, weight, &
                                 gradient)
     else
       call wide_patch_weights(kind, half_domain, origin, spacing, n, patch, position, n_patch, &
-                              patch_base, patch_fold, weight, gradient)
+                              patch_base, patch_fold, weight, gradient, domain)
     end if
   end subroutine patch_weights
 
@@ -214,7 +216,7 @@ contains
   end subroutine linear_patch_weights
 
   pure subroutine wide_patch_weights(kind, half_domain, origin, spacing, n, patch, position, &
-                                     n_patch, patch_base, patch_fold, weight, gradient)
+                                     n_patch, patch_base, patch_fold, weight, gradient, domain)
     !! Products of GIMP or B-spline weights at the 3**ndim nodes of a patch.
     integer, intent(in) :: kind
     real(wp), intent(in) :: half_domain
@@ -225,6 +227,7 @@ contains
     integer, intent(in) :: n_patch
     integer, intent(in) :: patch_base(ndim, n_patch), patch_fold(ndim, n_patch)
     real(wp), intent(out) :: weight(n_padded, n), gradient(n_padded, ndim, n)
+    real(wp), intent(in), optional :: domain(ndim, n)
     integer :: d, p
     real(wp) :: inverse, xi, w(0:2, ndim), s(0:2, ndim), factor(0:2, ndim)
 
@@ -234,7 +237,9 @@ contains
     do p = 1, n
       do d = 1, ndim
         xi = (position(d, p) - origin(d))*inverse - real(patch_base(d, patch(p)), wp)
-        if (kind == shape_gimp) then
+        if (present(domain)) then
+          call gimp_weights(domain(d, p), xi, w(:, d), s(:, d))
+        else if (kind == shape_gimp) then
           call gimp_weights(half_domain, xi, w(:, d), s(:, d))
         else
           call bspline_weights(xi, w(:, d), s(:, d))

@@ -23,8 +23,8 @@ module dosui_force_balance
 
   real(wp), parameter :: round_off = 1.0e-13_wp   !! of all forces, and of momenta over the step [-]
 
-  public :: want_forces, begin_forces, book_sources, book_surface_forces, book_reactions, &
-            keep_undamped, book_rigid_wall, book_held_by_walls, close_step, close_rest, force_row
+  public :: want_forces, begin_forces, book_sources, book_surface_forces, book_loads, &
+            book_reactions, keep_undamped, book_rigid_wall, book_held_by_walls, close_step, close_rest, force_row
 
 contains
 
@@ -143,6 +143,21 @@ contains
       call model%reactions%add_nodes(model%reactions%wall_of(c), of_loads, place, force)
     end do
   end subroutine book_surface_forces
+
+  subroutine book_loads(model, force)
+    !! Loads that reach the nodes by another way. Collective.
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: force(:, :)   !! (ndim, n_node) this rank's part [N]
+    real(wp), allocatable :: whole(:, :)
+    integer :: i
+
+    whole = force
+    call model%grid%node_map%scatter_add(model%comm, ndim, whole)
+    do i = 1, model%grid%n_node
+      if (.not. model%grid%node_map%is_owned(i)) whole(:, i) = 0.0_wp
+    end do
+    call model%reactions%add_nodes(0, of_loads, whole, whole)
+  end subroutine book_loads
 
   subroutine book_reactions(model, stress)
     !! The part of penalty walls that the stress in their cells makes. Collective.

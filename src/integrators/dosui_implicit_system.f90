@@ -357,7 +357,8 @@ contains
       call cell_strain_operators(model%grid, cell, model%patch(particle), &
                                  model%particles%field(model%p%position)%values(:, particle), &
                                  model%weight(particle), model%averaged, operators, &
-                                 centre=strain, mean_node=node, mean_volume=volume)
+                                 centre=strain, mean_node=node, mean_volume=volume, &
+                                 particle=particle)
     end if
   end subroutine operators_of_cell
 

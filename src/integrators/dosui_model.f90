@@ -17,6 +17,7 @@ module dosui_model
   use dosui_materials, only: material_set_t
   use dosui_nodal_conditions, only: nodal_conditions_t
   use dosui_nodal_extension, only: nodal_extension_t
+  use dosui_outer_pressure, only: outer_pressure_t
   use dosui_particle_fields, only: particle_handles_t, surface_handles_t
   use dosui_partition, only: partition_statistics_t
   use dosui_point_set, only: point_set_t
@@ -101,6 +102,7 @@ module dosui_model
     real(wp), allocatable :: node_share(:)        !! of AFLIP in the step, likewise [-]
     type(nodal_conditions_t) :: nodal_conditions
     type(surface_forces_t) :: surface_forces
+    type(outer_pressure_t) :: outer_pressure  !! pressures on surfaces that move
     type(cell_average_t) :: average
     type(cell_quadrature_t) :: quadrature
     type(nodal_extension_t) :: extension   !! nodes that the body hardly touches

@@ -11,6 +11,7 @@ module dosui_skeleton_step
                                  book_surface_forces, close_step, keep_undamped
   use dosui_grid_to_particle, only: grid_to_particles
   use dosui_model, only: model_t
+  use dosui_moving_loads, only: add_moving_loads
   use dosui_particle_to_grid, only: particles_to_grid
   use dosui_pore_water, only: bearing_pressure
   use dosui_rigid_walls, only: meet_walls, rest_on_walls
@@ -251,6 +252,7 @@ contains
                                       field(h%displacement)%values(:, 1:n), &
                                       field(h%velocity)%values(:, 1:n), model%nodal(2 + ndim:, :))
     end associate
+    if (model%updated) call add_moving_loads(model)
   end subroutine add_surface_forces
 
   subroutine update_nodes(model, is_held, taken)
@@ -519,6 +521,9 @@ contains
       call model%average%cell_means(model%comm, model%grid, 1, cell_strain)
     end if
     call find_volume_strain(model, cell_strain)
+    if (model%updated .and. model%p%deformation > 0 .and. .not. model%relaxing) then
+      call follow_deformation(model, shift)
+    end if
     associate (field => model%particles%field, h => model%p, n => model%particles%count)
       if (h%state > 0) then
         call update_with(field(h%state)%values)
@@ -557,6 +562,23 @@ contains
       if (allocated(spin)) call move_alloc(spin, model%spin)
     end subroutine update_with
   end subroutine update_particles
+
+  subroutine follow_deformation(model, shift)
+    !! Deformation gradients after the step, with the strains that stresses get.
+    type(model_t), intent(inout) :: model
+    real(wp), allocatable, intent(in) :: shift(:, :)   !! of the cells, if there are any [-]
+    real(wp) :: strain(nsig)
+    integer :: p
+
+    associate (f => model%particles%field(model%p%deformation)%values)
+      do p = 1, model%particles%count
+        strain = model%strain_increment(:, p)
+        if (allocated(shift)) strain = strain + shift(:, model%cell(p))
+        f(:, p) = reshape(matmul(deformation(strain, model%spin(:, p)), &
+                                 reshape(f(:, p), [ndim, ndim])), [ndim*ndim])
+      end do
+    end associate
+  end subroutine follow_deformation
 
   subroutine move_particles(model)
     !! Grid to particles, with or without an affine field.

@@ -11,7 +11,9 @@ module dosui_topology
   use dosui_keys, only: pack_key
   use dosui_model, only: model_t
   use dosui_neighbours, only: build_neighbours
+  use dosui_moving_loads, only: build_moving_loads
   use dosui_nodal_conditions, only: point_on_grid_plane
+  use dosui_outer_pressure, only: is_pressure
   use dosui_particle_to_grid, only: particles_to_grid
   use dosui_partition, only: partition_bricks
   use dosui_point_set, only: cell_order, point_set_t
@@ -34,6 +36,8 @@ module dosui_topology
   real(wp), parameter :: imbalance_limit = 1.2_wp    !! repartition above this
   real(wp), parameter :: stiffest_walls = 1.0e3_wp   !! penalty walls over the drained modulus [-]
   real(wp), parameter :: least_filling = 0.5_wp      !! of an uncut cell, to be full [-]
+  real(wp), parameter :: least_stretch = 0.2_wp      !! of GIMP domains that follow [-]
+  real(wp), parameter :: largest_stretch = 1.5_wp    !! likewise [-]
   integer(i8), parameter :: bricks_per_rank = 64_i8  !! aimed at
 
 contains
@@ -56,6 +60,7 @@ contains
       call copy_field(model%particles, model%p%position, model%p%position_at_build)
       call copy_field(model%surface, model%s%position, model%s%position_at_build)
       if (model%updated) call turn_surfaces(model)
+      if (model%p%half_domain > 0) call stretch_domains(model)
     end if
     if (.not. allocated(model%brick_key) .or. is_unbalanced(model)) call partition(model, err)
     if (err%failed()) return
@@ -69,6 +74,25 @@ contains
     end if
     call sort_points(model)
   end subroutine distribute
+
+  pure subroutine stretch_domains(model)
+    !! Half domains of the particles: the first one times |F_aa|, within limits and what patches
+    !! of three nodes hold (cpGIMP: Wallstedt & Guilkey 2008; the corners stay along the axes:
+    !! Charlton et al. 2017).
+    type(model_t), intent(inout) :: model
+    real(wp) :: stretch
+    integer :: a, p
+
+    associate (f => model%particles%field(model%p%deformation)%values, &
+               half => model%particles%field(model%p%half_domain)%values)
+      do p = 1, model%particles%count
+        do a = 1, ndim
+          stretch = min(max(abs(f(a + (a - 1)*ndim, p)), least_stretch), largest_stretch)
+          half(a, p) = min(0.5_wp, 0.5_wp*model%spacing/model%scene%grid_spacing*stretch)
+        end do
+      end do
+    end associate
+  end subroutine stretch_domains
 
   subroutine check_reach(model, err)
     !! Stops before a particle is so far away that the numbers of cells end. Collective.
@@ -317,6 +341,9 @@ contains
                           model%surface%count, inside, &
                           nint(model%scene%grid_period/model%scene%grid_spacing))
     model%grid%half_domain = min(0.5_wp, 0.5_wp*model%spacing/model%scene%grid_spacing)
+    if (model%p%half_domain > 0) then
+      model%grid%domain = model%particles%field(model%p%half_domain)%values(:, 1:n)
+    end if
     call allocate_arrays(model)
     call model%grid%locate(n, model%particles%field(model%p%position)%values(:, 1:n), model%patch, &
                            model%cell, n_lost)
@@ -420,6 +447,7 @@ contains
     integer, intent(in) :: handle   !! positions that the geometry is built from
     real(wp), allocatable :: nodal(:, :), held(:, :), edge(:, :, :)
     integer, allocatable :: patch(:), cell(:)
+    logical, allocatable :: at_points(:, :)   ! conditions whose forces surface points spread
     integer :: n, m, n_lost, surface_handle
 
     n = model%particles%count
@@ -445,12 +473,16 @@ contains
       call build_extension(model, n, patch, cell, handle)
       if (h%edge > 0) edge = reshape(field(h%edge)%values(:, 1:m), [ndim, max(ndim - 1, 1), m])
       if (h%held > 0) held = field(h%held)%values(:, 1:m)
+      at_points = model%by_force
+      if (model%updated) at_points = at_points .and. &
+                                     .not. spread(is_pressure(model%scene%mechanical_condition), &
+                                                  2, m)
       call model%surface_forces%init(model%comm, model%grid, m, model%surface_cell, &
                                      field(surface_handle)%values(:, 1:m), &
                                      field(h%normal)%values(:, 1:m), &
                                      field(h%area)%values(1, 1:m), nodal(1, :), model%density, &
                                      wall_modulus(model), model%scene%mechanics%penalty, &
-                                     model%by_force, model%quadrature%exact .and. &
+                                     at_points, model%quadrature%exact .and. &
                                      .not. model%quadrature%fitted, held, edge)
       if (model%quadrature%exact .and. .not. model%quadrature%fitted) then
         call hold_nodes_of_parts(model)
@@ -461,6 +493,7 @@ contains
                                          field(h%normal)%values(:, 1:m), model%on_nodes)
       end if
     end associate
+    if (model%updated) call build_moving_loads(model, surface_handle, cell)
     model%lifted = model%centred .and. &
                    model%comm%any(model%surface_forces%has_lifts(model%scene%mechanical_condition))
   end subroutine build_conditions

@@ -6,7 +6,7 @@ module dosui_weak_ties
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim
   use dosui_model, only: model_t
-  use dosui_shape_functions, only: corner_hats, group_count, n_group, n_group_wide, patch_weights
+  use dosui_shape_functions, only: corner_hats, group_count, n_group, n_group_wide
   implicit none
   private
 
@@ -47,11 +47,9 @@ contains
       do p = 1, model%particles%count
         associate (grid => model%grid, patch => model%patch(p))
           if (all(is_corner(1, grid%patch_node(:, patch)) > 0.5_wp)) cycle
-          call patch_weights(grid%shape_kind, grid%half_domain, grid%origin, grid%spacing, 1, &
-                             model%patch(p:p), &
-                             model%particles%field(model%p%position)%values(:, p:p), &
-                             grid%n_patch, grid%patch_base, grid%patch_fold, n_groups, weight, &
-                             gradient)
+          call grid%weigh(p, 1, model%patch(p:p), &
+                          model%particles%field(model%p%position)%values(:, p:p), n_groups, &
+                          weight, gradient)
           c = model%cell(p)
           do i = 1, size(grid%patch_node, 1)
             is_tie = weight(i) > 0.0_wp .and. is_corner(1, grid%patch_node(i, patch)) < 0.5_wp

@@ -391,9 +391,10 @@ contains
                       'endless extent; water needs its own conditions on these sides, or '// &
                       'does not flow through them', unit='m', range='>= 0'))
     call v%name(scene%shape_function, &
-                key('shape_function', 'linear hats, GIMP (uniform) or quadratic B-splines; '// &
-                    'auto: gimp with deformation = ''updated'', where particles cross cells, '// &
-                    'else linear', choices='auto linear gimp bspline'))
+                key('shape_function', 'linear hats, GIMP (uniform; cpgimp: domains stretch with '// &
+                    'the particles, with deformation = ''updated'' only) or quadratic '// &
+                    'B-splines; auto: gimp with deformation = ''updated'', where particles '// &
+                    'cross cells, else linear', choices='auto linear gimp cpgimp bspline'))
     call v%vector(scene%domain_min, &
                   key('domain_min', 'particles more than a hundredth of a cell below have left '// &
                       'the domain', unit='m', &

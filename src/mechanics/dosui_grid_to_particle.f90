@@ -7,7 +7,7 @@ module dosui_grid_to_particle
   use dosui_dimension, only: ndim, nsig, nshear, axis, voigt_slot
   use dosui_grid, only: grid_t
   use dosui_shape_functions, only: shape_bspline, shape_linear, n_group, n_group_wide, &
-                                   group_count, patch_offsets, patch_weights
+                                   group_count, patch_offsets
   implicit none
   private
 
@@ -59,7 +59,7 @@ contains
     do first = 1, n, chunk
       last = min(first + chunk - 1, n)
       m = last - first + 1
-      call gather_chunk(grid, group_count(grid%shape_kind), m, patch(first:last), &
+      call gather_chunk(grid, group_count(grid%shape_kind), first, m, patch(first:last), &
                         position(:, first:last), flip_fraction, velocity_old, velocity_new, &
                         has_moments, mean, change, slope, moment, kept, lever, share)
       if (present(share)) then
@@ -68,9 +68,8 @@ contains
                              velocity(:, first:last), affine(:, first:last), change)
       end if
       if (has_moments) then
-        call invert_moments(m, grid%origin, grid%spacing, grid%shape_kind, grid%half_domain, &
-                            patch(first:last), grid%n_patch, grid%patch_base, grid%patch_fold, &
-                            position(:, first:last), mean, moment, slope, affine(:, first:last))
+        call invert_moments(grid, first, m, patch(first:last), position(:, first:last), mean, &
+                            moment, slope, affine(:, first:last))
       else if (present(affine)) then
         affine(:, first:last) = reshape(slope(:, :, 1:m), [ndim*ndim, m])
       end if
@@ -82,12 +81,12 @@ contains
     end do
   end subroutine grid_to_particles
 
-  subroutine gather_chunk(grid, n_groups, m, patch, position, flip_fraction, velocity_old, &
-                          velocity_new, has_moments, mean, change, slope, moment, kept, lever, &
-                          share)
+  subroutine gather_chunk(grid, n_groups, number, m, patch, position, flip_fraction, &
+                          velocity_old, velocity_new, has_moments, mean, change, slope, moment, &
+                          kept, lever, share)
     !! Weights of a chunk and its interpolated values, run by run of particles in one patch.
     type(grid_t), intent(in) :: grid
-    integer, intent(in) :: n_groups, m
+    integer, intent(in) :: n_groups, number, m   !! number of the first particle
     integer, intent(in) :: patch(m)
     real(wp), intent(in) :: position(ndim, m), flip_fraction
     real(wp), intent(in) :: velocity_old(ndim, grid%n_node), velocity_new(ndim, grid%n_node)
@@ -102,9 +101,7 @@ contains
 
     n_node = size(grid%patch_node, 1)
     call patch_offsets(grid%shape_kind, n_groups, offset)
-    call patch_weights(grid%shape_kind, grid%half_domain, grid%origin, grid%spacing, m, patch, &
-                       position, grid%n_patch, grid%patch_base, grid%patch_fold, n_groups, weight, &
-                       gradient)
+    call grid%weigh(number, m, patch, position, n_groups, weight, gradient)
     mean(:, 1:m) = 0.0_wp
     change(:, 1:m) = 0.0_wp
     slope(:, :, 1:m) = 0.0_wp
@@ -244,25 +241,26 @@ contains
     end do
   end subroutine keep_own_fields
 
-  pure subroutine invert_moments(m, origin, spacing, shape_kind, half_domain, patch, n_patch, &
-                                 patch_base, patch_fold, position, mean, moment, slope, affine)
+  pure subroutine invert_moments(grid, number, m, patch, position, mean, moment, slope, affine)
     !! Kernel: C = sum N_i v_i (x_i - x) D^-1 with the second moments D = sum N_i (x_i - x)^2 of
     !! each direction; along folded directions, where D vanishes, the gradient itself.
-    integer, intent(in) :: m, n_patch, shape_kind
-    real(wp), intent(in) :: origin(ndim), spacing, half_domain
-    integer, intent(in) :: patch(m), patch_base(ndim, n_patch), patch_fold(ndim, n_patch)
+    type(grid_t), intent(in) :: grid
+    integer, intent(in) :: number, m   !! number of the first particle
+    integer, intent(in) :: patch(m)
     real(wp), intent(in) :: position(ndim, m), mean(ndim, chunk), moment(ndim, ndim, chunk)
     real(wp), intent(in) :: slope(ndim, ndim, chunk)
     real(wp), intent(inout) :: affine(ndim, ndim, m)
-    real(wp) :: local
+    real(wp) :: local, half_domain
     integer :: b, p
 
+    half_domain = grid%half_domain
     do p = 1, m
       do b = 1, ndim
-        local = (position(b, p) - origin(b))/spacing - patch_base(b, patch(p))
+        if (allocated(grid%domain)) half_domain = grid%domain(b, number + p - 1)
+        local = (position(b, p) - grid%origin(b))/grid%spacing - grid%patch_base(b, patch(p))
         affine(:, b, p) = (moment(:, b, p) - local*mean(:, p))/ &
-                          (spacing*second_moment(shape_kind, half_domain, local))
-        if (patch_fold(b, patch(p)) /= 0) affine(:, b, p) = slope(:, b, p)
+                          (grid%spacing*second_moment(grid%shape_kind, half_domain, local))
+        if (grid%patch_fold(b, patch(p)) /= 0) affine(:, b, p) = slope(:, b, p)
       end do
     end do
   end subroutine invert_moments

@@ -7,8 +7,7 @@ module dosui_particle_to_grid
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim, nsig, voigt_slot
   use dosui_grid, only: grid_t
-  use dosui_shape_functions, only: n_group, n_group_wide, group_count, patch_offsets, &
-                                   patch_weights
+  use dosui_shape_functions, only: n_group, n_group_wide, group_count, patch_offsets
   implicit none
   private
 
@@ -74,7 +73,7 @@ contains
                            grid%patch_base, position(:, first:last), affine(:, first:last), &
                            start, slope)
       end if
-      call spread_chunk(grid, group_count(grid%shape_kind), m, patch(first:last), &
+      call spread_chunk(grid, group_count(grid%shape_kind), first, m, patch(first:last), &
                         position(:, first:last), mass(first:last), gravity, start, slope, load, &
                         nodal)
     end do
@@ -176,11 +175,11 @@ contains
     end do
   end subroutine expand_affine
 
-  subroutine spread_chunk(grid, n_groups, m, patch, position, mass, gravity, start, slope, load, &
-                          nodal)
+  subroutine spread_chunk(grid, n_groups, number, m, patch, position, mass, gravity, start, slope, &
+                          load, nodal)
     !! Weights of a chunk and its nodal sums, run by run of particles in one patch.
     type(grid_t), intent(in) :: grid
-    integer, intent(in) :: n_groups, m
+    integer, intent(in) :: n_groups, number, m   !! number of the first particle
     integer, intent(in) :: patch(m)
     real(wp), intent(in) :: position(ndim, m), mass(m), gravity(ndim)
     real(wp), intent(in) :: start(ndim, chunk), slope(ndim, ndim, chunk), load(ndim, ndim, chunk)
@@ -191,9 +190,7 @@ contains
 
     n_node = size(grid%patch_node, 1)
     call patch_offsets(grid%shape_kind, n_groups, offset)
-    call patch_weights(grid%shape_kind, grid%half_domain, grid%origin, grid%spacing, m, patch, &
-                       position, grid%n_patch, grid%patch_base, grid%patch_fold, n_groups, weight, &
-                       gradient)
+    call grid%weigh(number, m, patch, position, n_groups, weight, gradient)
     first = 1
     do while (first <= m)
       last = first

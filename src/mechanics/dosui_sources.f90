@@ -5,7 +5,7 @@ module dosui_sources
   use dosui_expression, only: expression_t
   use dosui_grid, only: grid_t
   use dosui_scene, only: axis_name, source_t
-  use dosui_shape_functions, only: group_count, n_group, n_group_wide, patch_weights
+  use dosui_shape_functions, only: group_count, n_group, n_group_wide
   implicit none
   private
 
@@ -55,9 +55,8 @@ contains
     integer :: p, i, d, node
 
     do p = 1, n
-      call patch_weights(grid%shape_kind, grid%half_domain, grid%origin, grid%spacing, 1, &
-                         patch(p:p), position(:, p:p), grid%n_patch, grid%patch_base, &
-                         grid%patch_fold, group_count(grid%shape_kind), share, gradient)
+      call grid%weigh(p, 1, patch(p:p), position(:, p:p), group_count(grid%shape_kind), share, &
+                      gradient)
       do d = 1, ndim
         density(d) = self%force(d)%value([position(:, p) + self%origin, time])
       end do

@@ -57,7 +57,8 @@ contains
   end subroutine cell_lists
 
   subroutine cell_strain_operators(grid, cell, patch, position, weight, averaged, operators, &
-                                   centre, inverse, reference, mean_node, mean_volume)
+                                   centre, inverse, reference, mean_node, mean_volume, &
+                                   particle)
     !! Strain operators of the particles of one cell.
     type(grid_t), intent(in) :: grid
     integer, intent(in) :: cell
@@ -77,7 +78,8 @@ contains
     integer, intent(in), optional :: mean_node(:)   !! nodes of the cell's group
     real(wp), intent(in), optional :: mean_volume(:)
     !! (ndim*nodes) likewise: volume change that the water sees [1/m]
-    real(wp), allocatable :: w(:), gradient(:), own(:, :, :), mean(:, :), trace(:), mean_trace(:)
+    integer, intent(in), optional :: particle(:)   !! numbers, where domains follow the deformation
+    real(wp), allocatable :: w(:), gradient(:), domain(:, :), own(:, :, :), mean(:, :), trace(:), mean_trace(:)
     integer, allocatable :: local(:), mean_nodes(:)
     integer :: m, n_groups, n_patch_node, p, i, k, a, b, column
     logical :: is_centred
@@ -86,9 +88,10 @@ contains
     n_groups = group_count(grid%shape_kind)
     n_patch_node = size(grid%patch_node, 1)
     allocate (w(n_group*n_group_wide*m), gradient(n_group*n_group_wide*ndim*m))
+    if (allocated(grid%domain) .and. present(particle)) domain = grid%domain(:, particle)
     call patch_weights(grid%shape_kind, grid%half_domain, grid%origin, grid%spacing, m, patch, &
                        position, grid%n_patch, grid%patch_base, grid%patch_fold, n_groups, w, &
-                       gradient)
+                       gradient, domain)
     mean_nodes = grid%cell_node(:, cell)
     if (present(mean_node)) mean_nodes = mean_node
     call collect_nodes(grid, cell, patch, present(centre) .or. present(inverse), mean_nodes, &

@@ -43,6 +43,8 @@ module dosui_surface_forces
   contains
     procedure :: init => surface_forces_init
     procedure :: apply => surface_forces_apply
+    procedure :: press => surface_forces_press
+    procedure :: values_of => surface_forces_values_of
     procedure :: point_velocity => surface_forces_point_velocity
     procedure :: has_lifts => surface_forces_has_lifts
     procedure :: lift => surface_forces_lift
@@ -249,6 +251,42 @@ contains
       if (node > 0) force(:, node) = force(:, node) + self%weight(i, part, point)*load
     end do
   end subroutine spread_load
+
+  pure subroutine surface_forces_press(self, area, normal, pressure, force)
+    !! Adds the forces of pressures at the surface points to the nodal forces.
+    class(surface_forces_t), intent(in) :: self
+    real(wp), intent(in) :: area(self%n_point)           !! [m2]
+    real(wp), intent(in) :: normal(ndim, self%n_point)   !! outward [-]
+    real(wp), intent(in) :: pressure(self%n_point)       !! into the body [Pa]
+    real(wp), intent(inout) :: force(:, :)               !! (ndim, n_node) [N]
+    integer :: p, k
+
+    do p = 1, self%n_point
+      if (.not. abs(pressure(p)) > 0.0_wp) cycle
+      do k = 1, self%n_part
+        call spread_load(self, k, p, -pressure(p)*area(p)*normal(:, p), force)
+      end do
+    end do
+  end subroutine surface_forces_press
+
+  pure subroutine surface_forces_values_of(self, nodal, values)
+    !! A nodal field at the surface points, by the weights that forces are spread with. Points
+    !! without a cell get 0.
+    class(surface_forces_t), intent(in) :: self
+    real(wp), intent(in) :: nodal(:)                  !! (n_node)
+    real(wp), intent(out) :: values(self%n_point)
+    integer :: i, k, p
+
+    values = 0.0_wp
+    do p = 1, self%n_point
+      do k = 1, self%n_part
+        do i = 1, 2**ndim
+          if (self%node(i, k, p) == 0) cycle
+          values(p) = values(p) + self%weight(i, k, p)*nodal(self%node(i, k, p))
+        end do
+      end do
+    end do
+  end subroutine surface_forces_values_of
 
   pure function part_velocity(self, part, point, nodal_velocity) result(velocity)
     !! Share of one part in the velocity of a point [m/s].

@@ -23,7 +23,8 @@ module dosui_particle_fields
     integer :: filter_time = 0        !! in which velocities off the grid's fade, AFLIP [s]
     integer :: pore_pressure = 0      !! compression positive [Pa]
     integer :: conductivity = 0       !! k [m/s]
-    integer :: deformation = 0        !! F_ab = dx_a/dX_b at a + (b - 1) ndim, finite strains [-]
+    integer :: deformation = 0        !! F_ab = dx_a/dX_b at a + (b - 1) ndim, where needed [-]
+    integer :: half_domain = 0        !! over h, when built, of GIMP domains that follow F [-]
     integer :: reference_volume = 0   !! before any deformation, finite strains [m3]
     integer :: state = 0              !! state variables of the materials
     integer :: unmet_volume = 0       !! volume change that no pressure has answered yet [m3]
@@ -66,6 +67,7 @@ module dosui_particle_fields
     logical :: finds_surface = .false. !! free surfaces are found as bodies move
     integer :: n_state = 0             !! state variables of the materials
     integer :: n_surface = 0           !! surfaces that the scene names
+    logical :: following = .false.     !! particles' domains follow their deformation
     logical :: triangulated = .false.  !! facets stand for smooth surfaces
   end type field_needs_t
 
@@ -94,8 +96,11 @@ contains
     if (needs%filtered) handles%filter_time = set%add('filter_time', 's', 1, yes, no, no, yes)
     if (needs%updated .or. needs%finite) handles%position_at_build = &
       set%add('position_at_build', 'm', ndim, yes, yes, no, yes)
+    if (needs%following) handles%half_domain = &
+      set%add('half_domain', '-', ndim, yes, no, no, yes)
+    if (needs%finite .or. needs%following) handles%deformation = &
+      set%add('deformation', '-', ndim*ndim, yes, no, no, yes)
     if (needs%finite) then
-      handles%deformation = set%add('deformation', '-', ndim*ndim, yes, no, no, yes)
       handles%reference_volume = set%add('reference_volume', 'm3', 1, yes, no, no, yes)
     end if
     if (needs%finds_surface) then

@@ -32,7 +32,7 @@ module dosui_dafalias_manzari
   ! elastic change of the stress ratio in a sub-step over the yield surface's radius: beyond 2 the
   ! direction of flow, which turns towards that of the strain, would swing about it [-]
   real(wp), parameter :: growth = 0.15_wp           ! error over tolerance that doubles a step [-]
-  real(wp), parameter :: leaving = 2.0_wp           ! error over tolerance on another's sub-steps [-]
+  real(wp), parameter :: leaving = 2.0_wp           ! error over tolerance, others' sub-steps [-]
   real(wp), parameter :: least_way = 1.0e-8_wp      ! of alpha since the loading began [-]
   real(wp), parameter :: least_hardening = 0.01_wp  ! 1 - c_h e [-]
   real(wp), parameter :: largest_state = 1.0_wp     ! |psi| that surfaces answer to [-]

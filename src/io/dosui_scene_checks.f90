@@ -16,7 +16,7 @@ module dosui_scene_checks
   public :: check_scene, check_body_faces, check_choice
 
   real(wp), parameter :: unit_tolerance = 1.0e-3_wp   !! of the length of a unit vector [-]
-  real(wp), parameter :: most_courant = 0.7_wp        !! of explicit steps of moving particles [-]
+  real(wp), parameter :: most_courant = 0.65_wp       !! of explicit steps of moving particles [-]
 
   type, public :: checker_t
     !! Finds the line of what a check complains about.

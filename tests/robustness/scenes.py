@@ -90,7 +90,7 @@ def _methods(s: Sketch) -> None:
     s.add("time", **time)
     mechanics: dict[str, object] = {}
     if s.random.random() < 0.3:
-        mechanics["transfer"] = s.any("flip", "apic", "pic", "blend")
+        mechanics["transfer"] = s.any("aflip", "flip", "apic", "pic", "blend", "auto")
     if s.random.random() < 0.3:
         mechanics["damping"] = s.any("none", "viscous", "local", "fading")
     if s.random.random() < 0.2:

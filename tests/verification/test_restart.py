@@ -18,6 +18,7 @@ from conftest import BIN, ROOT, Run, Runner, scene_text
 from damage_outputs import Sweep
 from test_batch import wait_for
 from test_slope import DENSITY, GRAVITY, bracket, safety, slope
+from test_transfers import slope as running_slope
 
 POST = [sys.executable, "-m", "dosui_post"]
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT / "postprocess" / "src")}
@@ -66,6 +67,11 @@ COLLAPSE = """
 """
 
 
+# pressures of a step answer what walls did to the one before
+WET = running_slope(integrator="semi_implicit").replace("end_time = 6.0", "end_time = 1.2")
+WET = WET.replace("&output name = 'slope' history_interval = 0.1", "&output name = 'box'")
+
+
 @pytest.mark.parametrize(
     ("text", "stop", "ranks"),
     [
@@ -73,8 +79,9 @@ COLLAPSE = """
         (column(integrator="semi_implicit"), 5, 1),
         (column(integrator="quasi_static", end_time="2.0").replace("0.02", "1.0"), 7, 2),
         (COLLAPSE, 90, 3),
+        (WET, 10, 2),
     ],
-    ids=["explicit", "semi_implicit", "quasi_static", "walls"],
+    ids=["explicit", "semi_implicit", "quasi_static", "walls", "wet_walls"],
 )
 def test_histories_go_on_bit_by_bit(dosui: Runner, text: str, stop: int, ranks: int) -> None:
     """Rows, dt, running sums and fields of a stopped run are those of the straight one."""

@@ -667,6 +667,11 @@ contains
                 key('rebuild_displacement', 'neighbourhoods are built anew when a particle has '// &
                     'moved so far, in particle spacings', unit='-', range='> 0 and <= 1', &
                     restart=restart_free))
+    call v%logical(water%fluid_inertia, &
+                   key('fluid_inertia', 'Darcy''s law with the water''s inertia at the skeleton''s '// &
+                       'acceleration (u-p form), in explicit steps', &
+                       only='operator = ''compact''', applies=water%operator == 'compact', &
+                       undecided=water%operator == ''))
     call v%real(water%cell_storage, &
                 key('cell_storage', 'pressure-projection storage inside a cell, tau_i', unit='-', &
                     range='>= 0', only='operator = ''compact''', &

@@ -25,6 +25,7 @@ module dosui_particle_fields
     integer :: deformation = 0        !! F_ab = dx_a/dX_b at a + (b - 1) ndim, where needed [-]
     integer :: half_domain = 0        !! over h, when built, of GIMP domains that follow F [-]
     integer :: reference_volume = 0   !! before any deformation, finite strains [m3]
+    integer :: inertia_rate = 0       !! water that its inertia brought in the last step [1/s]
     integer :: state = 0              !! state variables of the materials
     integer :: start_pressure = 0     !! pore pressure before any load, adaptive steps only [Pa]
     integer :: region = 0             !! index into the scene's regions, if surfaces are found
@@ -46,6 +47,7 @@ module dosui_particle_fields
     integer :: reference_area = 0     !! outward area before any deformation, finite strains [m2]
     integer :: has_head = 0           !! 1 where a point that may switch has a head now [-]
     integer :: material = 0           !! of the region, in scenes with suction [-]
+    integer :: inertia_rate = 0       !! outward flow by the water's inertia in the last step [m/s]
     integer :: held = 0               !! normal that walls hold, of triangulated bodies [-]
     integer :: free = 0               !! the free surface it is or may become part of, 0: none
   end type surface_handles_t
@@ -62,6 +64,7 @@ module dosui_particle_fields
     logical :: finds_surface = .false. !! free surfaces are found as bodies move
     integer :: n_state = 0             !! state variables of the materials
     integer :: n_surface = 0           !! surfaces that the scene names
+    logical :: inertia = .false.       !! of the water, in Darcy's law
     logical :: following = .false.     !! particles' domains follow their deformation
     logical :: triangulated = .false.  !! facets stand for smooth surfaces
   end type field_needs_t
@@ -104,6 +107,7 @@ contains
     if (.not. needs%coupled) return
     handles%pore_pressure = set%add('pore_pressure', 'Pa', 1, yes, no, yes, yes)
     handles%conductivity = set%add('conductivity', 'm/s', 1, yes, yes, no, yes)
+    if (needs%inertia) handles%inertia_rate = set%add('inertia_rate', '1/s', 1, yes, no, no, yes)
     if (needs%adaptive) handles%start_pressure = &
       set%add('start_pressure', 'Pa', 1, yes, no, no, yes)
   end subroutine register_particle_fields
@@ -127,6 +131,7 @@ contains
     if (needs%updated) handles%outward_area = set%add('outward_area', 'm2', ndim, yes, no, no, yes)
     if (needs%switching) handles%has_head = set%add('has_head', '-', 1, yes, yes, no, yes)
     if (needs%unsaturated) handles%material = set%add('material', '-', 1, yes, yes, no, yes)
+    if (needs%inertia) handles%inertia_rate = set%add('inertia_rate', 'm/s', 1, yes, no, no, yes)
     if (needs%triangulated) handles%held = set%add('held', '-', ndim, yes, no, no, yes)
     if (needs%finds_surface) handles%free = set%add('free', '-', 1, yes, no, no, yes)
     if (.not. needs%finite) return

@@ -1,11 +1,11 @@
 """A saturated column under a step and a harmonic load, against its modes.
 
 The column is fixed and closed at z = 0, loaded and drained at z = H. In the modes sin(w z) of the
-displacement and cos(w z) of the pressure, w = pi (n + 1/2)/H, the equations part (no inertia in
-Darcy's law, as in docs/theory.md):
+displacement and cos(w z) of the pressure, w = pi (n + 1/2)/H, the equations part (u-p form: the
+water's inertia in Darcy's law is that of the skeleton's acceleration, as in docs/theory.md):
 
     rho a'' = - M w^2 a + w b - (2/H) (-1)^n q(t)
-    S b'    = - (k/gamma_w) w^2 b - w a'
+    S b'    = - (k/gamma_w) w^2 b - w a' + (k rho_w/gamma_w) w a''
 
 For q linear in time between the points of its table each mode is advanced exactly.
 """
@@ -38,6 +38,7 @@ class Motion:
     times: tuple[float, ...]  # of the table [s]
     factors: tuple[float, ...]
     ends: tuple[float, ...]  # output times [s]
+    inertia: bool = True  # of the water, in Darcy's law
 
     @functools.cache  # noqa: B019 (a handful of frozen loads)
     def modes(self, count: int = 200) -> np.ndarray:
@@ -58,6 +59,8 @@ class Motion:
             matrix[:, 1, 3] = push
             matrix[:, 2, 1] = -w / STORAGE
             matrix[:, 2, 2] = -mobility * w**2 / STORAGE
+            if self.inertia:
+                matrix[:, 2] += (mobility * FLUID * w / STORAGE)[:, None] * matrix[:, 1]
             matrix[:, 3, 4] = 1.0
             # pressures next to displacements would spoil the exponential's accuracy
             scale = np.array([1.0, 1.0, 1.0e9, 1.0e3, 1.0e3])
@@ -86,7 +89,8 @@ class Motion:
 &time end_time = {self.ends[-1]!r} output_times = {listed} /
 &material name = 'sand' young_modulus = {MODULUS} poisson_ratio = 0.0 porosity = {POROSITY}
   solid_density = {SOLID} hydraulic_conductivity = {self.conductivity} /
-&water bulk_modulus = {WATER} density = {FLUID} unit_weight = {UNIT_WEIGHT} /
+&water bulk_modulus = {WATER} density = {FLUID} unit_weight = {UNIT_WEIGHT}
+  fluid_inertia = .{str(self.inertia).lower()}. /
 &mechanics {mechanics} /
 &region name = 'column' material = 'sand' box_min = 0.0 box_max = {HEIGHT} particles_per_cell = 2 /
 &surface name = 'base' region = 'column' face = 'z-' /

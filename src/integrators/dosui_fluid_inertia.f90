@@ -9,8 +9,10 @@
 !!
 !! Where pressures settle within a step they follow the accelerations, which they make in turn,
 !! one step late: that is negative damping. So accelerations are extrapolated by a step, by the
-!! share x/(1 + x) with x = dt k/(gamma_w S h^2). Of a staggered step's modes none then grows, for
-!! any wave number, conductivity and ratio of the operators' eigenvalues from 0.8 to 1.3.
+!! share x/(1 + x) with x = dt k/(gamma_w S h^2). Of the modes of a staggered step none then grows
+!! as long as the head operator's eigenvalue is at least 0.7 of the cells'. It is less for the
+!! shortest waves: so what inertia brings is smoothed once over neighbouring cells, which keeps its
+!! sum and removes waves of two cells.
 module dosui_fluid_inertia
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim, nsig, voigt_slot
@@ -92,7 +94,7 @@ contains
   subroutine find_inertia_flow(model)
     !! The flow by the nodes' accelerations in the step at hand. Collective.
     type(model_t), intent(inout) :: model
-    real(wp), allocatable :: push(:, :), strain(:, :), flux(:, :)
+    real(wp), allocatable :: push(:, :), strain(:, :), flux(:, :), mean(:)
     real(wp) :: shaking(ndim)
     real(wp), allocatable :: rate(:)   ! of the pressures at surface points [1/s]
     real(wp) :: now, mobility(2)
@@ -112,14 +114,14 @@ contains
                                          model%clock%dt + shaking)
     end do
     if (model%centred) then
-      allocate (strain(nsig, model%grid%n_cell))
+      allocate (strain(nsig, model%grid%n_cell), mean(model%grid%n_cell))
       call model%quadrature%strains(model%grid, model%clock%dt, push, strain)
-      do p = 1, model%particles%count
-        do a = 1, ndim
-          model%inertia_strain(p) = model%inertia_strain(p) + &
-                                    strain(voigt_slot(a, a), model%cell(p))
-        end do
+      mean = 0.0_wp
+      do a = 1, ndim
+        mean = mean + strain(voigt_slot(a, a), :)
       end do
+      call smooth(model, mean)
+      model%inertia_strain = mean(model%cell)
     else
       call find_at_particles(model, push)
     end if
@@ -174,6 +176,33 @@ contains
     call cell_sums(model%particles%count, model%cell, model%weight, model%inertia_strain, &
                    model%grid%n_cell, mean)
     call model%average%cell_means(model%comm, model%grid, 1, mean)
+    call smooth(model, mean)
     model%inertia_strain = mean(model%cell)
   end subroutine find_at_particles
+
+  subroutine smooth(model, mean)
+    !! Means of cells go to their corners and back, by the cells' weights. Collective.
+    type(model_t), intent(inout) :: model
+    real(wp), intent(inout) :: mean(:)   !! of the cells
+    real(wp) :: sums(2, model%grid%n_node)
+    integer :: c, i
+
+    sums = 0.0_wp
+    associate (grid => model%grid, weight => model%average%cell_weight)
+      do c = 1, grid%n_cell   ! weights are this rank's part
+        do i = 1, 2**ndim
+          sums(:, grid%cell_node(i, c)) = sums(:, grid%cell_node(i, c)) + &
+                                          weight(c)*[1.0_wp, mean(c)]
+        end do
+      end do
+      call grid%node_map%scatter_add(model%comm, 2, sums)
+      call grid%node_map%gather(model%comm, 2, sums)
+      do i = 1, grid%n_node
+        if (sums(1, i) > 0.0_wp) sums(2, i) = sums(2, i)/sums(1, i)
+      end do
+      do c = 1, grid%n_cell
+        mean(c) = sum(sums(2, grid%cell_node(:, c)))/2**ndim
+      end do
+    end associate
+  end subroutine smooth
 end module dosui_fluid_inertia

@@ -937,6 +937,14 @@ contains
       call checker%complain('time', 1, 'undrained_start', 'does not go with geostatic_start')
     end if
     if (scene%deformation == 'finite') call check_finite(checker, scene)
+    if (scene%water%fluid_inertia .and. scene%integrator /= 'explicit') then
+      call checker%complain('water', 1, 'fluid_inertia', 'works with integrator = '// &
+                            '''explicit'' only')
+    end if
+    if (scene%shape_function == 'cpgimp' .and. scene%deformation /= 'updated') then
+      call checker%complain('grid', 1, 'shape_function', 'cpgimp works with deformation = '// &
+                            '''updated'' only: other particles keep their domains')
+    end if
     if (scene%integrator == 'explicit' .or. scene%integrator == 'auto') return
     is_wet = scene%water_mode /= 'none'
     if (is_wet .and. scene%water%operator == 'two_pass') then

@@ -74,7 +74,8 @@ contains
     !! (particles) with `inverse` and `centre`: undeformed volumes, with which the mean of the
     !! gradients becomes that of C before anything is deformed [m3]
     integer, intent(in), optional :: particle(:)   !! numbers, where domains follow the deformation
-    real(wp), allocatable :: w(:), gradient(:), domain(:, :), own(:, :, :), mean(:, :), trace(:), mean_trace(:)
+    real(wp), allocatable :: domain(:, :)   ! half domains that follow the deformation [h]
+    real(wp), allocatable :: w(:), gradient(:), own(:, :, :), mean(:, :), trace(:), mean_trace(:)
     integer, allocatable :: local(:)
     integer :: m, n_groups, n_patch_node, p, i, k, a, b, column
     logical :: is_centred

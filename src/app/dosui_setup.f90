@@ -73,6 +73,9 @@ contains
                       (model%materials%is_nonlinear() .and. .not. model%rigid)
     call choose_integrator(scene, model%materials, model%spacing, model%choice)
     model%integrator = model%choice%name
+    model%inertia_drives = model%coupled .and. .not. model%rigid .and. &
+                           scene%water%fluid_inertia .and. scene%water%operator == 'compact' .and. &
+                           model%integrator == 'explicit'
     needs = field_needs_t(coupled=model%coupled, affine=affine, filtered=filtered, &
                           updated=model%updated, finite=model%finite, &
                           adaptive=model%integrator == 'quasi_static', &
@@ -81,6 +84,7 @@ contains
                           switching=model%switching, unsaturated=model%unsaturated, &
                           finds_surface=model%finds_surface, n_state=model%materials%n_state(), &
                           n_surface=size(scene%surface), &
+                          inertia=model%inertia_drives, &
                           following=model%updated .and. scene%shape_function == 'cpgimp', &
                           triangulated=any(scene%region%shape == 'stl'))
     call register_particle_fields(model%particles, model%p, needs)

@@ -8,6 +8,7 @@ module dosui_explicit
   use dosui_dimension, only: ndim
   use dosui_damping, only: damping_fading, damping_viscous
   use dosui_error, only: error_t
+  use dosui_fluid_inertia, only: find_inertia_flow
   use dosui_force_balance, only: want_forces
   use dosui_model, only: model_t
   use dosui_scene, only: name_length
@@ -52,6 +53,7 @@ contains
       call gather_forces(model)
       call update_nodes(model)
       call note_fault(model)
+      if (drained) call find_inertia_flow(model)
       call update_particles(model, failure)
       call note_failure(model, failure)   ! of this rank alone: the others learn of it later
       if (model%reactions%is_wanted) call finish_forces(model)

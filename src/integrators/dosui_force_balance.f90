@@ -24,7 +24,8 @@ module dosui_force_balance
   real(wp), parameter :: round_off = 1.0e-13_wp   !! of all forces, and of momenta over the step [-]
 
   public :: want_forces, begin_forces, book_sources, book_surface_forces, book_loads, &
-            book_reactions, keep_undamped, book_rigid_wall, book_held_by_walls, close_step, close_rest, force_row
+            book_reactions, keep_undamped, book_rigid_wall, book_held_by_walls, close_step, &
+            close_rest, force_row
 
 contains
 

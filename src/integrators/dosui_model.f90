@@ -113,6 +113,13 @@ module dosui_model
     real(wp), allocatable :: inertia(:)               !! least inertia of nodes [kg]
     real(wp), allocatable :: weight(:)                !! of particles in integrals [m3]
     real(wp), allocatable :: volume_strain(:)         !! of the step, as the water sees it [-]
+    logical :: inertia_drives = .false.               !! the water's inertia counts in Darcy's law
+    real(wp), allocatable :: mobility(:, :)
+    !! (2, n_node) then: k rho_w/gamma_w [s] and k/(gamma_w S h^2) [1/s]
+    real(wp), allocatable :: inertia_strain(:)
+    !! (particles) water that inertia brings in the step, over the volume [-]
+    real(wp), allocatable :: inertia_flux(:)
+    !! (surface points, ghosts too) against inertia's part of the outward flow [m/s]
     real(wp), allocatable :: inverse_deformation(:, :, :)   !! F^-1 of finite strains [-]
     real(wp), allocatable :: own_volume(:)   !! weight without averages, of finite strains [m3]
     real(wp), allocatable :: filling(:)      !! weight over volume, of finite strains [-]

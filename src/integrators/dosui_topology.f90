@@ -6,6 +6,7 @@ module dosui_topology
   use dosui_barriers, only: cut_neighbours, cut_points
   use dosui_cell_average, only: cell_sums
   use dosui_error, only: error_t
+  use dosui_fluid_inertia, only: find_mobility, forget_inertia_flow
   use dosui_ghosts, only: find_ghosts
   use dosui_head_operator, only: kind_head
   use dosui_keys, only: pack_key
@@ -359,7 +360,12 @@ contains
       model%surface%field(model%s%normal)%values = normal
     end if
     call spread_filter_times(model)
-    if (model%coupled) call build_water(model, handle)
+    if (model%coupled) then
+      if (allocated(model%inertia_flux)) deallocate (model%inertia_flux)
+      call build_water(model, handle)
+      call find_mobility(model)
+      call forget_inertia_flow(model)
+    end if
     model%rebuilds = model%rebuilds + 1
     model%movement = 0.0_wp
     call model%timers%stop(model%phase%rebuild)

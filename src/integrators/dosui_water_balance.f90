@@ -51,6 +51,11 @@ contains
         rate(c) = rate(c) - area(1, p)*conditions%datum(p)
         rate(gross) = rate(gross) + area(1, p)*abs(conditions%datum(p))
       end do
+      if (.not. allocated(model%inertia_flux)) return
+      do p = 1, model%surface%count   ! the other part of Darcy's law
+        c = conditions%condition(p)
+        if (c > 0) rate(c) = rate(c) + area(1, p)*model%inertia_flux(p)
+      end do
     end associate
   end subroutine inflow_rate
 

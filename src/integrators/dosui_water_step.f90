@@ -57,6 +57,13 @@ contains
                                model%scene%water%unit_weight, elevation, &
                                field(place)%values(:, 1:n), &
                                field(model%s%normal)%values(:, 1:n))
+      if (allocated(model%inertia_flux)) then
+        do p = 1, n   ! the head drives what is prescribed and what inertia takes in
+          if (conditions%kind(p) == kind_head) cycle
+          if (conditions%condition(p) == 0) conditions%datum(p) = 0.0_wp
+          conditions%datum(p) = conditions%datum(p) + model%inertia_flux(p)
+        end do
+      end if
       if (.not. model%unsaturated) return
       if (allocated(model%point_relative)) deallocate (model%point_relative)
       allocate (model%point_relative(n), source=1.0_wp)
@@ -188,6 +195,9 @@ contains
     if (.not. model%rigid) then
       rate(1:n) = rate(1:n) - saturation_at(model, pressure(1:n))*model%volume_strain(1:n)/ &
                   model%clock%dt
+      if (drained .and. allocated(model%inertia_strain)) then
+        rate(1:n) = rate(1:n) + model%inertia_strain(1:n)/model%clock%dt
+      end if
     end if
     if (model%storage%projected) then
       allocate (sums(model%grid%n_cell), block(model%grid%n_block))

@@ -121,6 +121,7 @@ module dosui_scene
     real(wp) :: bulk_modulus = 2.2e9_wp              !! K_w [Pa]
     real(wp) :: unit_weight = 9810.0_wp              !! gamma_w that k and heads refer to [N/m3]
     character(len=name_length) :: operator = 'compact'   !! 'compact' or 'two_pass'
+    logical :: fluid_inertia = .false.               !! rho_w times acceleration in Darcy's law
     real(wp) :: support_radius = 2.4_wp              !! neighbourhood, in particle spacings [-]
     real(wp) :: rebuild_displacement = 0.1_wp
     !! rebuild when a particle moved this, in spacings [-]

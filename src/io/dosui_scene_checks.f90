@@ -941,6 +941,14 @@ contains
     end if
     if (scene%deformation == 'finite') call check_finite(checker, scene)
     if (scene%integrator == 'explicit') call check_moving(checker, scene)
+    if (scene%water%fluid_inertia .and. scene%integrator /= 'explicit') then
+      call checker%complain('water', 1, 'fluid_inertia', 'works with integrator = '// &
+                            '''explicit'' only')
+    end if
+    if (scene%shape_function == 'cpgimp' .and. scene%deformation /= 'updated') then
+      call checker%complain('grid', 1, 'shape_function', 'cpgimp works with deformation = '// &
+                            '''updated'' only: other particles keep their domains')
+    end if
     if (scene%integrator == 'explicit' .or. scene%integrator == 'auto') return
     is_wet = scene%water_mode /= 'none'
     if (is_wet .and. scene%water%operator == 'two_pass') then

@@ -391,8 +391,8 @@ contains
                       'endless extent; water needs its own conditions on these sides, or '// &
                       'does not flow through them', unit='m', range='>= 0'))
     call v%name(scene%shape_function, &
-                key('shape_function', 'linear hats, GIMP (uniform; cpgimp: domains stretch with '// &
-                    'the particles, with deformation = ''updated'' only) or quadratic '// &
+                key('shape_function', 'linear hats, GIMP (uniform; cpgimp: domains stretch '// &
+                    'with the particles, with deformation = ''updated'' only) or quadratic '// &
                     'B-splines; auto: gimp with deformation = ''updated'', where particles '// &
                     'cross cells, else linear', choices='auto linear gimp cpgimp bspline'))
     call v%vector(scene%domain_min, &
@@ -674,6 +674,12 @@ contains
                 key('rebuild_displacement', 'neighbourhoods are built anew when a particle has '// &
                     'moved so far, in particle spacings', unit='-', range='> 0 and <= 1', &
                     restart=restart_free))
+    call v%logical(water%fluid_inertia, &
+                   key('fluid_inertia', 'Darcy''s law with the water''s inertia at the '// &
+                       'skeleton''s acceleration, as the literature''s u-p form has it; with '// &
+                       'integrator = ''explicit'' only', &
+                       only='operator = ''compact''', applies=water%operator == 'compact', &
+                       undecided=water%operator == ''))
     call v%real(water%cell_storage, &
                 key('cell_storage', 'pressure-projection storage inside a cell, tau_i', unit='-', &
                     range='>= 0', only='operator = ''compact''', &

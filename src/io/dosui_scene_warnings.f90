@@ -6,7 +6,7 @@ module dosui_scene_warnings
   use dosui_name_index, only: name_index_t
   use dosui_namelist, only: namelist_t
   use dosui_region_contacts, only: region_contacts_t
-  use dosui_scene, only: scene_t
+  use dosui_scene, only: scene_t, table_t
   use dosui_scene_checks, only: checker_t
   use dosui_text, only: to_text, vector_text
   implicit none
@@ -17,6 +17,7 @@ module dosui_scene_warnings
   ! Limits of what soils, water and this planet have
   real(wp), parameter :: least_density = 500.0_wp, most_density = 5000.0_wp      !! [kg/m3]
   real(wp), parameter :: least_modulus = 1.0e3_wp, most_modulus = 1.0e12_wp      !! [Pa]
+  real(wp), parameter :: most_fast_water = 0.03_wp   !! k omega/g [-]
   real(wp), parameter :: most_conductivity = 1.0_wp                              !! [m/s]
   real(wp), parameter :: least_gravity = 9.7_wp, most_gravity = 9.9_wp           !! [m/s2]
   real(wp), parameter :: right_angle = acos(0.0_wp), degrees = 90.0_wp/right_angle
@@ -33,6 +34,7 @@ contains
 
     checker%namelist => namelist
     call warn_of_methods(checker, scene)
+    call warn_of_fast_water(checker, scene)
     call warn_of_gravity(checker, scene)
     call warn_of_materials(checker, scene)
     call warn_of_unused(checker, scene)
@@ -50,6 +52,62 @@ contains
                             'cells: ''gimp'' or ''bspline'' suit deformation = ''updated''')
     end if
   end subroutine warn_of_methods
+
+  subroutine warn_of_fast_water(checker, scene)
+    !! Water that moves against the skeleton faster than the equations, which leave the acceleration
+    !! of this motion out, are good for: k omega/g with the pulsation of harmonic loads.
+    type(checker_t), intent(inout) :: checker
+    type(scene_t), intent(in) :: scene
+    real(wp) :: pulsation, ratio
+    integer :: k
+
+    if (scene%water_mode /= 'saturated' .or. scene%integrator == 'quasi_static') return
+    if (scene%deformation == 'finite' .or. all(scene%material%rigid)) return
+    pulsation = 0.0_wp
+    do k = 1, size(scene%mechanical_condition)
+      pulsation = max(pulsation, pulsation_of(scene%mechanical_condition(k)%pattern%factor))
+    end do
+    if (scene%base_motion%is_given) then
+      pulsation = max(pulsation, pulsation_of(scene%base_motion%pattern%factor))
+    end if
+    do k = 1, size(scene%material)
+      if (scene%material(k)%rigid) cycle
+      ratio = scene%material(k)%hydraulic_conductivity*pulsation*scene%water%density/ &
+              scene%water%unit_weight
+      if (.not. ratio > most_fast_water) cycle
+      call checker%complain('material', k, 'hydraulic_conductivity', 'the water''s own '// &
+                           'acceleration against the skeleton, which dosui leaves out, counts: '// &
+                            'k omega/g is '//to_text(ratio, 2)//' with the loads'' '// &
+                            to_text(pulsation, 3)//' 1/s; above '// &
+                            to_text(most_fast_water, 2)// &
+                            ' displacements are more than 3 % off')
+    end do
+  end subroutine warn_of_fast_water
+
+  pure real(wp) function pulsation_of(table) result(pulsation)
+    !! Pulsation of an oscillating table: pi over the mean time between its turns; 0 for a table
+    !! that turns fewer than three times [1/s].
+    type(table_t), intent(in) :: table
+    real(wp) :: first, last, change, before
+    integer :: k, turns
+
+    pulsation = 0.0_wp
+    if (.not. allocated(table%time)) return
+    turns = 0
+    before = 0.0_wp
+    first = 0.0_wp
+    last = 0.0_wp
+    do k = 2, size(table%time)
+      change = table%value(k) - table%value(k - 1)
+      if (change*before < 0.0_wp) then
+        turns = turns + 1
+        if (turns == 1) first = table%time(k - 1)
+        last = table%time(k - 1)
+      end if
+      if (abs(change) > 0.0_wp) before = change
+    end do
+    if (turns >= 3) pulsation = 2.0_wp*right_angle*real(turns - 1, wp)/(last - first)
+  end function pulsation_of
 
   subroutine warn_of_gravity(checker, scene)
     !! Gravity upwards, or of another planet.

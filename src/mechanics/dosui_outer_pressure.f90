@@ -129,7 +129,7 @@ contains
           sums(1) = sums(1) + area(p)
           do c = 1, size(self%condition)
             if (by_force(self%condition(c), p)) sums(1 + c) = sums(1 + c) + area(p)* &
-              normal_part(conditions(self%condition(c)), normal(:, p))
+                                            normal_part(conditions(self%condition(c)), normal(:, p))
           end do
         end associate
       end do
@@ -209,7 +209,8 @@ contains
     counts = grid%node_map%is_owned(:size(share)) .and. .not. is_given
     where (.not. is_given) share = 0.0_wp
     call apply_edges(comm, grid, weight, share, product, diagonal)
-    residual = merge(-product, 0.0_wp, .not. is_given .and. diagonal > 0.0_wp)
+    residual = -product
+    where (is_given .or. .not. diagonal > 0.0_wp) residual = 0.0_wp
     diagonal = merge(diagonal, 1.0_wp, diagonal > 0.0_wp)
     direction = residual/diagonal
     gamma = comm%sum(sum(residual*direction, mask=counts))

@@ -79,8 +79,8 @@ contains
     real(wp), intent(in), optional :: mean_volume(:)
     !! (ndim*nodes) likewise: volume change that the water sees [1/m]
     integer, intent(in), optional :: particle(:)   !! numbers, where domains follow the deformation
-    real(wp), allocatable :: w(:), gradient(:), domain(:, :), own(:, :, :), mean(:, :), trace(:), &
-                             mean_trace(:)
+    real(wp), allocatable :: domain(:, :)   ! half domains that follow the deformation [h]
+    real(wp), allocatable :: w(:), gradient(:), own(:, :, :), mean(:, :), trace(:), mean_trace(:)
     integer, allocatable :: local(:), mean_nodes(:)
     integer :: m, n_groups, n_patch_node, p, i, k, a, b, column
     logical :: is_centred

@@ -172,6 +172,7 @@ contains
         call set_add(field(handles%surface)%values(:, i), surfaces(k))
       end do
       field(handles%patch)%values(1, i) = real(patch, wp)
+      if (handles%inertia_rate > 0) field(handles%inertia_rate)%values(1, i) = 0.0_wp
       if (handles%has_head > 0) field(handles%has_head)%values(1, i) = 0.0_wp
       if (handles%material > 0) field(handles%material)%values(1, i) = &
         real(findloc(scene%material%name == scene%region(region)%material, .true., dim=1), wp)

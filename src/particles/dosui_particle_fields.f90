@@ -26,6 +26,7 @@ module dosui_particle_fields
     integer :: deformation = 0        !! F_ab = dx_a/dX_b at a + (b - 1) ndim, where needed [-]
     integer :: half_domain = 0        !! over h, when built, of GIMP domains that follow F [-]
     integer :: reference_volume = 0   !! before any deformation, finite strains [m3]
+    integer :: inertia_rate = 0       !! water that its inertia brought in the last step [1/s]
     integer :: state = 0              !! state variables of the materials
     integer :: unmet_volume = 0       !! volume change that no pressure has answered yet [m3]
     integer :: start_pressure = 0     !! pore pressure before any load, adaptive steps only [Pa]
@@ -48,6 +49,7 @@ module dosui_particle_fields
     integer :: reference_area = 0     !! outward area before any deformation, finite strains [m2]
     integer :: has_head = 0           !! 1 where a point that may switch has a head now [-]
     integer :: material = 0           !! of the region, in scenes with suction [-]
+    integer :: inertia_rate = 0       !! outward flow by the water's inertia in the last step [m/s]
     integer :: held = 0               !! normal that walls hold, of triangulated bodies [-]
     integer :: edge = 0               !! that span the piece, bodies at rest in 3-D; 0: unknown [m]
     integer :: free = 0               !! the free surface it is or may become part of, 0: none
@@ -67,6 +69,7 @@ module dosui_particle_fields
     logical :: finds_surface = .false. !! free surfaces are found as bodies move
     integer :: n_state = 0             !! state variables of the materials
     integer :: n_surface = 0           !! surfaces that the scene names
+    logical :: inertia = .false.       !! of the water, in Darcy's law
     logical :: following = .false.     !! particles' domains follow their deformation
     logical :: triangulated = .false.  !! facets stand for smooth surfaces
   end type field_needs_t
@@ -111,6 +114,7 @@ contains
     handles%pore_pressure = set%add('pore_pressure', 'Pa', 1, yes, no, yes, yes)
     handles%conductivity = set%add('conductivity', 'm/s', 1, yes, yes, no, yes)
     if (needs%projected) handles%unmet_volume = set%add('unmet_volume', 'm3', 1, yes, no, no, yes)
+    if (needs%inertia) handles%inertia_rate = set%add('inertia_rate', '1/s', 1, yes, no, no, yes)
     if (needs%adaptive) handles%start_pressure = &
       set%add('start_pressure', 'Pa', 1, yes, no, no, yes)
   end subroutine register_particle_fields
@@ -134,6 +138,7 @@ contains
     if (needs%updated) handles%outward_area = set%add('outward_area', 'm2', ndim, yes, no, no, yes)
     if (needs%switching) handles%has_head = set%add('has_head', '-', 1, yes, yes, no, yes)
     if (needs%unsaturated) handles%material = set%add('material', '-', 1, yes, yes, no, yes)
+    if (needs%inertia) handles%inertia_rate = set%add('inertia_rate', 'm/s', 1, yes, no, no, yes)
     if (needs%triangulated) handles%held = set%add('held', '-', ndim, yes, no, no, yes)
     if (ndim == 3 .and. .not. needs%updated) then
       handles%edge = set%add('edge', 'm', ndim*(ndim - 1), yes, no, no, yes)

@@ -24,10 +24,9 @@ module dosui_explicit
 
   public :: explicit_step, choose_explicit_step, cut_share, damping_limit, fastest_particle
 
-  ! Shares of h/c over the default courant, measured with random boxes
-  ! (tests/verification/explicit_boxes.py): FLIP fails from 0.4 on with one particle a cell, from 0.45
-  ! on with more; others from 0.5 and 0.6 on.
-  real(wp), parameter :: sparse = 0.75_wp          !! spacing over the grid's, one particle a cell [-]
+  ! Measured with random boxes (tests/verification/explicit_boxes.py) as steps over h/c: FLIP fails
+  ! from 0.4 on with one particle a cell, from 0.45 on with more; others from 0.5 and 0.6 on.
+  real(wp), parameter :: sparse = 0.75_wp   !! spacing of one particle a cell over the grid's [-]
   real(wp), parameter :: flip = 0.8_wp             !! [-]
   real(wp), parameter :: sparse_flip = merge(0.55_wp, 0.64_wp, ndim == 3)      !! [-]
   real(wp), parameter :: sparse_others = merge(0.75_wp, 0.85_wp, ndim == 3)    !! [-]

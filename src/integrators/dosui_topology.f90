@@ -32,7 +32,7 @@ module dosui_topology
   real(wp), parameter :: inward = 1.0e-3_wp          !! surface points lie in the cell inside [h]
   real(wp), parameter :: imbalance_limit = 1.2_wp    !! repartition above this
   real(wp), parameter :: stiffest_walls = 1.0e3_wp   !! penalty walls over the drained modulus [-]
-  real(wp), parameter :: least_filling = 0.5_wp      !! of a cell that no surface cuts, to be full [-]
+  real(wp), parameter :: least_filling = 0.5_wp      !! of cells that no surface cuts, to be full
   integer(i8), parameter :: bricks_per_rank = 64_i8  !! aimed at
 
 contains
@@ -494,8 +494,8 @@ contains
   end subroutine hold_nodes_of_parts
 
   subroutine build_extension(model, n, patch, cell, handle)
-    !! Nodes that the body hardly touches follow others. Volumes are those that the particles' masses
-    !! stand for, so that nothing depends on when a restart comes. Collective.
+    !! Nodes that the body hardly touches follow others. Volumes are those that the particles'
+    !! masses stand for, so that nothing depends on when a restart comes. Collective.
     type(model_t), intent(inout) :: model
     integer, intent(in) :: n, patch(n), cell(n)   !! of the particles where the geometry is built
     integer, intent(in) :: handle                 !! their positions
@@ -580,8 +580,7 @@ contains
     end do
     call model%quadrature%init_from_particles(model%comm, model%grid, n, cell, &
                                               model%particles%field(handle)%values(:, 1:n), &
-                                              model%surface%count, model%surface_cell, cuts, &
-                                              finds_ragged=.false.)
+                                              model%surface%count, model%surface_cell, cuts)
   end subroutine build_quadrature
 
   subroutine find_least_inertia(model)

@@ -80,7 +80,7 @@ def trial(seed: int, transfer: str = "") -> Trial:
     rate = 0.0
     if damped:
         rate = 2 * np.pi * slow / 4.0  # about critical for the slowest vibration
-        end = 60 / rate
+        end = 90 / rate
         keys = f"end_time={end:.17g} output_interval={end:.17g}"
     text = text.replace("end_time=1 ", keys + " ")
     more = f"&mechanics transfer='{transfer}'"

@@ -20,7 +20,7 @@ module dosui_cell_average
     real(wp), allocatable :: cell_weight(:)      !! (n_cell) this rank's share of the weight
     real(wp), allocatable :: cell_inverse(:)     !! (n_cell) 1/complete weight, 0 for empty cells
     real(wp), allocatable :: block_inverse(:)    !! (n_block) 1/complete weight, 0 for empty blocks
-    integer, allocatable :: group(:)             !! (n_cell) first cell of the group, if there are any
+    integer, allocatable :: group(:)             !! (n_cell) first cell of the group, if there are
     real(wp), allocatable :: group_inverse(:)    !! (n_cell) 1/complete weight of that group
   contains
     procedure :: set_weights => cell_average_set_weights

@@ -187,7 +187,7 @@ contains
     call model%grid%node_map%gather(model%comm, ndim, touch)
     is_empty = .not. touch > empty_node*model%grid%spacing**(ndim - 2)
     if (model%extension%is_on) is_empty = is_empty .and. &
-      .not. spread(model%extension%follows, 1, ndim)
+                                          .not. spread(model%extension%follows, 1, ndim)
   end subroutine find_empty
 
   subroutine add_springs(model, touch)
@@ -641,7 +641,8 @@ contains
   end function place_of
 
   subroutine keep_held(self, operators, matrix)
-    !! Keeps the columns of held components, and of those that may follow them, for prescribed motion.
+    !! Keeps the columns of held components, and of those that may follow them, for prescribed
+    !! motion.
     class(implicit_system_t), intent(inout) :: self
     type(cell_operators_t), intent(in) :: operators
     real(wp), intent(in) :: matrix(:, :)

@@ -146,7 +146,7 @@ contains
                      model%particles%field(model%p%pore_pressure)%values, model%grid%n_cell, &
                      pressure)
     end if
-    call model%average%cell_means(model%comm, model%grid, 1, pressure)
+    call model%average%group_means(model%comm, model%grid, 1, pressure)
   end subroutine mean_cell_pressures
 
   subroutine spread_pointwise(model, gravity)

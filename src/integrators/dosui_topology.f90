@@ -32,7 +32,7 @@ module dosui_topology
   real(wp), parameter :: inward = 1.0e-3_wp          !! surface points lie in the cell inside [h]
   real(wp), parameter :: imbalance_limit = 1.2_wp    !! repartition above this
   real(wp), parameter :: stiffest_walls = 1.0e3_wp   !! penalty walls over the drained modulus [-]
-  real(wp), parameter :: least_filling = 0.5_wp      !! of cells that no surface cuts, to be full
+  real(wp), parameter :: least_filling = 0.5_wp      !! of an uncut cell, to be full [-]
   integer(i8), parameter :: bricks_per_rank = 64_i8  !! aimed at
 
 contains

@@ -54,7 +54,7 @@ module dosui_cell_quadrature
     integer, allocatable :: member(:)         !! ... parts of the group of a first cell
     real(wp), allocatable :: part(:)                 !! (n_cell) volume of the filled part [m3]
     real(wp), allocatable :: share(:)     !! (n_cell) of a part in its host's strain [-]
-    real(wp), allocatable :: measure(:)   !! (n_cell) W of hosts, the parts that joined them too [m3]
+    real(wp), allocatable :: measure(:)   !! (n_cell) W of hosts, with the parts that joined [m3]
     logical, allocatable :: is_cut(:)                !! (n_cell)
     real(wp), allocatable :: gradient(:, :, :)   !! (ndim, 2**ndim, n_cell) C, unless fitted [1/m]
   contains

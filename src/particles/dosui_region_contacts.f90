@@ -114,8 +114,8 @@ contains
       if (count(self%body == r) == 1 .and. scene%region(r)%shape == 'box') then   ! its own axes
         low = scene%region(r)%box_min
         high = scene%region(r)%box_max
-        is_turned(1) = ndim > 1 .and. abs(scene%region(r)%shape_angle) > 0.0_wp
-        is_turned(ndim) = is_turned(1)
+        is_turned = ndim > 1 .and. abs(scene%region(r)%shape_angle) > 0.0_wp
+        is_turned(min(2, ndim)) = is_turned(min(2, ndim)) .and. ndim == 2   ! not y
       end if
       do other = r + 1, size(scene%region)
         if (self%body(other) /= r) cycle

@@ -2,11 +2,12 @@
 
 `python tests/verification/cut_bodies.py 500` runs as many and prints what went wrong, and the worst
 errors; `... 500 3` begins with number 3; DOSUI_RANKS=3 runs on so many ranks, DOSUI_DIMENSION=3 in
-three dimensions only. Some have their walls on lines of the grid; some of these bear finite strains.
+three dimensions only. Some have their walls on lines of the grid; some of these bear finite
+strains.
 
-Each box is confined by walls on its own (cut) faces and loaded on the others, so that a linear field
-of displacements and a uniform stress are the solution: in one direction, in two, or in shear; dry,
-or undrained with a fluid 10000 times as stiff as the skeleton.
+Each box is confined by walls on its own (cut) faces and loaded on the others, so that a linear
+field of displacements and a uniform stress are the solution: in one direction, in two, or in shear;
+dry, or undrained with a fluid 10000 times as stiff as the skeleton.
 """
 
 from __future__ import annotations
@@ -175,8 +176,22 @@ def patch(seed: int, dimension: int = 0) -> Patch:
     lines += [f"&surface name='{f}' region='c' face='{f}' /" for f in faces]
     lines += [f"&mechanical_condition {w} /" for w in walls]
     lines += ["&output name='r' /"]
-    return Patch(seed, dimension, kind, per_cell, wet, load, anchored, finite, angle, size, strain,
-                 stress, pressure, "\n".join(line for line in lines if line) + "\n")
+    return Patch(
+        seed,
+        dimension,
+        kind,
+        per_cell,
+        wet,
+        load,
+        anchored,
+        finite,
+        angle,
+        size,
+        strain,
+        stress,
+        pressure,
+        "\n".join(line for line in lines if line) + "\n",
+    )
 
 
 def read(path: Path, step: int) -> dict[str, np.ndarray]:
@@ -204,7 +219,9 @@ def errors(case: Patch, path: Path) -> dict[str, float]:
     exact = local @ case.strain.T @ at.T
     found = {"u": float(np.abs(data["displacement"] - exact).max() / np.abs(exact).max())}
     stress = at @ case.stress @ at.T
-    voigt = np.array([stress[0, 0], stress[1, 1], stress[2, 2], stress[1, 2], stress[0, 2], stress[0, 1]])
+    voigt = np.array(
+        [stress[0, 0], stress[1, 1], stress[2, 2], stress[1, 2], stress[0, 2], stress[0, 1]]
+    )
     order = data["effective_stress"][:, [0, 1, 2, 4, 5, 3]]
     scale = max(np.abs(voigt).max(), case.pressure)
     found["stress"] = float(np.abs(order - voigt).max() / scale)
@@ -239,7 +256,9 @@ def main() -> int:
             status, output = run(case, Path(name), program, ranks)
             if status != 0:
                 n_bad += 1
-                print(f"{case.name}: status {status}: {output.strip().splitlines()[-1]}", flush=True)
+                print(
+                    f"{case.name}: status {status}: {output.strip().splitlines()[-1]}", flush=True
+                )
                 continue
             found = errors(case, Path(name) / "r.vtkhdf")
         limit = WET if case.wet else DRY
@@ -249,7 +268,9 @@ def main() -> int:
                 worst[full] = (value, case.name)
         if not max(found.values()) <= limit:
             n_bad += 1
-            print(f"{case.name}: " + ", ".join(f"{k} {v:.2e}" for k, v in found.items()), flush=True)
+            print(
+                f"{case.name}: " + ", ".join(f"{k} {v:.2e}" for k, v in found.items()), flush=True
+            )
     for key, (value, what) in sorted(worst.items()):
         print(f"worst {key}: {value:.2e} ({what})")
     print(f"{n_bad} of {count} wrong")

@@ -1,0 +1,63 @@
+"""Uniform stresses and smooth fields in bodies that lie anywhere in the grid (short forms)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import BIN
+from cut_bodies import DRY, WET, errors, patch, read, run
+from cut_fields import Field, solve
+
+PROGRAM = BIN / "dosui"
+
+
+@pytest.mark.parametrize("seed", [*range(1, 11), 104, 207, 222])
+def test_uniform_stress_in_boxes_anywhere(tmp_path: Path, seed: int) -> None:
+    """Dry, undrained, turned, jittered, with walls on lines of the grid and off them, finite."""
+    case = patch(seed, 3 if seed in (5, 104) else 2)
+    status, output = run(case, tmp_path, PROGRAM)
+    assert status == 0, output
+    found = errors(case, tmp_path / "r.vtkhdf")
+    assert max(found.values()) <= (WET if case.wet else DRY), f"{case.name}: {found}"
+
+
+@pytest.mark.parametrize("seed", [5, 9, 17])
+def test_ranks_agree(tmp_path: Path, seed: int) -> None:
+    """Parts, groups and nodes that follow others are the same on any number of ranks."""
+    case = patch(seed, 2)
+    data = []
+    for ranks in (1, 3):
+        folder = tmp_path / str(ranks)
+        folder.mkdir()
+        status, output = run(case, folder, PROGRAM, ranks)
+        assert status == 0, output
+        fields = read(folder / "r.vtkhdf", -1)
+        data.append((fields, np.argsort(fields["id"])))
+    for key in ("displacement", "effective_stress") + (("pore_pressure",) if case.wet else ()):
+        one, three = (fields[key][order] for fields, order in data)
+        assert np.abs(one - three).max() <= 1e-11 * np.abs(one).max(), key
+
+
+@pytest.mark.parametrize("wet", [False, True])
+def test_order_of_smooth_fields(wet: bool) -> None:
+    """A turned box of jittered particles: second order in displacements, first in pressures."""
+    coarse, fine = (solve(Field(1, n, wet, 0.3, 33.0, 0.25, 33.0), PROGRAM) for n in (6, 12))
+    assert fine["u"] <= coarse["u"] / 2**1.6, (coarse, fine)
+    assert fine["u"] <= (2.5e-2 if wet else 7e-3)
+    if wet:
+        assert fine["p"] <= coarse["p"] / 2, (coarse, fine)
+        assert fine["p"] <= 8e-2
+        assert fine["worst p"] <= 0.17
+
+
+def test_thin_bodies_are_warned_of(tmp_path: Path) -> None:
+    """Less than two cells between grid lines; none if the lines follow the faces."""
+    case = patch(17, 2)
+    for size, warns in (("0.8, 1", False), ("0.8, 0.1", True)):
+        case.text = case.text.replace(
+            "box_max=" + case.text.split("box_max=")[1].split(" part")[0], f"box_max={size}"
+        )
+        _, output = run(case, tmp_path, PROGRAM)
+        assert ("grid cells across" in output) == warns, output

@@ -272,6 +272,7 @@ contains
     integer :: holder(ndim, model%grid%n_node)
     real(wp) :: inverse, carried   ! mass in the particles' momentum [kg]
     real(wp), allocatable :: change(:, :)   ! of momenta, where nodes follow others
+    real(wp), allocatable :: later(:, :)    ! `push` there
     integer :: a, i
     logical :: is_held
 
@@ -280,6 +281,10 @@ contains
       change = (model%velocity - flip*model%velocity_old)/dt
       call inertia_forces(model, holder > 0, change)
       change = change - ((1.0_wp - flip)/dt)*model%nodal(2:1 + ndim, :)
+      if (present(push)) then
+        later = push
+        call model%extension%fold(model%comm, model%grid, ndim, later, holder > 0)
+      end if
     end if
     associate (reactions => model%reactions, total => model%reactions%total)
       call add_weight(model)
@@ -292,6 +297,7 @@ contains
         if (allocated(reactions%undamped)) undamped = reactions%undamped(:, i)
         more = 0.0_wp
         if (present(push)) more = push(:, i)
+        if (allocated(later)) more = later(:, i)
         if (allocated(reactions%by_walls)) more = more + reactions%by_walls(:, i)
         inverse = 0.0_wp
         if (model%nodal(1, i) > tiny(1.0_wp)*1.0e20_wp) inverse = 1.0_wp/model%nodal(1, i)

@@ -22,7 +22,6 @@ module dosui_equilibrium
                                  nodal_accelerations, update_particles, zero_velocities
   use dosui_text, only: to_text
   use dosui_water_step, only: update_pressure
-  use dosui_weak_ties, only: weak_ties_t
   implicit none
   private
 
@@ -58,9 +57,8 @@ module dosui_equilibrium
     logical :: undrained = .false.            !! pressures follow the volume
     logical :: is_direct = .false.            !! elastic solutions are factorised
     logical :: is_weak = .false.              !! a motion was found that strains and does no work
-    real(wp), allocatable :: moved(:, :)      !! motion that hourglass modes and ties resist [m]
+    real(wp), allocatable :: moved(:, :)      !! motion that hourglass modes resist [m]
     logical, allocatable :: is_empty(:, :)    !! with `moved`: components that nothing strains
-    type(weak_ties_t) :: ties                 !! with `moved`
   end type trial_t
 
   public :: find_equilibrium, find_geostatic_equilibrium, mean_stress_size
@@ -304,8 +302,7 @@ contains
   end subroutine relax_directly
 
   subroutine add_resistance(model, state, err)
-    !! From here on weak modes are resisted as in implicit steps, and nodes hold on to the body that
-    !! it hardly touches. Collective.
+    !! From here on weak modes are resisted as in implicit steps. Collective.
     type(model_t), intent(inout) :: model
     type(trial_t), intent(inout) :: state
     type(error_t), intent(inout) :: err
@@ -315,7 +312,6 @@ contains
     allocate (state%moved(ndim, model%grid%n_node), source=0.0_wp)
     allocate (state%is_empty(ndim, model%grid%n_node))
     call find_empty(model, state%is_empty)
-    call state%ties%find(model)
   end subroutine add_resistance
 
   subroutine update_scale(model, norm, scale)
@@ -577,7 +573,6 @@ contains
     call gather_forces(model)
     if (allocated(state%moved)) then
       call add_hourglass_forces(model, state%moved, model%nodal(2 + ndim:, :))
-      call state%ties%add_forces(model, state%moved, model%nodal(2 + ndim:, :))
       where (state%is_empty) model%nodal(2 + ndim:, :) = 0.0_wp
     end if
     call nodal_accelerations(model, residual)

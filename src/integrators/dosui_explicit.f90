@@ -25,9 +25,10 @@ module dosui_explicit
 
   public :: explicit_step, choose_explicit_step, cut_share, damping_limit, fastest_particle
 
-  ! Measured with random boxes (tests/verification/explicit_boxes.py), as shares of h/c: one particle
-  ! a cell in 2-D bears 0.35 (FLIP), 0.5 (others), more particles 0.5 and 0.6.
-  real(wp), parameter :: sparse = 0.75_wp          !! spacing over the grid's, one particle a cell [-]
+  ! Measured with random boxes (tests/verification/explicit_boxes.py) as steps over h/c: FLIP fails
+  ! from 0.4 on with one particle a cell, from 0.45 on with more; others from 0.5 and 0.6 on.
+  real(wp), parameter :: sparse = 0.75_wp   !! spacing of one particle a cell over the grid's [-]
+  real(wp), parameter :: flip = 0.8_wp             !! [-]
   real(wp), parameter :: sparse_flip = merge(0.55_wp, 0.64_wp, ndim == 3)      !! [-]
   real(wp), parameter :: sparse_others = merge(0.75_wp, 0.85_wp, ndim == 3)    !! [-]
   integer, parameter :: most_substeps = 100000000   !! of the water in a step; 2e4 stages of RKL2
@@ -91,7 +92,7 @@ contains
     if (.not. model%rigid) then
       limits(1)%name = merge('water sound speed   ', 'skeleton wave speed ', model%coupled)
       limits(1)%dt = courant*wave_limit(model)*cut_share(model)
-      if (cut_share(model) < 1.0_wp) limits(1)%name = 'few particles in cut cells'
+      if (cut_share(model) < 1.0_wp) limits(1)%name = 'nodes beside cut cells'
     end if
     limits(2)%name = 'viscous damping'
     limits(2)%dt = courant*damping_limit(model)
@@ -172,6 +173,7 @@ contains
     if (.not. model%extension%is_on) return
     is_sparse = model%spacing > sparse*model%scene%grid_spacing
     forgets = any(model%scene%mechanics%transfer == ['flip ', 'blend'])
+    if (forgets) share = flip
     if (is_sparse) share = merge(sparse_flip, sparse_others, forgets)
   end function cut_share
 

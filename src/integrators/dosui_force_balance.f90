@@ -289,6 +289,7 @@ contains
     real(wp) :: share(model%grid%n_node)    ! of FLIP in the particles' momentum [-]
     real(wp) :: inverse, carried   ! mass in the particles' momentum [kg]
     real(wp), allocatable :: change(:, :)   ! of momenta, where nodes follow others
+    real(wp), allocatable :: later(:, :)    ! `push` there
     integer :: a, i
     logical :: is_held
 
@@ -299,6 +300,10 @@ contains
       change = (model%velocity - spread(share, 1, ndim)*model%velocity_old)/dt
       call inertia_forces(model, holder > 0, change)
       change = change - spread((1.0_wp - share)/dt, 1, ndim)*model%nodal(2:1 + ndim, :)
+      if (present(push)) then
+        later = push
+        call model%extension%fold(model%comm, model%grid, ndim, later, holder > 0)
+      end if
     end if
     associate (reactions => model%reactions, total => model%reactions%total)
       call add_weight(model)
@@ -311,6 +316,7 @@ contains
         if (allocated(reactions%undamped)) undamped = reactions%undamped(:, i)
         more = 0.0_wp
         if (present(push)) more = push(:, i)
+        if (allocated(later)) more = later(:, i)
         if (allocated(reactions%by_walls)) more = more + reactions%by_walls(:, i)
         inverse = 0.0_wp
         if (model%nodal(1, i) > tiny(1.0_wp)*1.0e20_wp) inverse = 1.0_wp/model%nodal(1, i)

@@ -24,7 +24,6 @@ module dosui_implicit_system
                              hourglass_operators
   use dosui_text, only: to_text
   use dosui_unknowns, only: unknowns_t
-  use dosui_weak_ties, only: weak_ties_t
   implicit none
   private
 
@@ -51,8 +50,6 @@ module dosui_implicit_system
     real(wp) :: volume = 1.0_wp      !! unit of water volumes [m3]
     real(wp) :: tolerance = 1.0e-6_wp   !! of linear solutions [-]
     logical, private :: insists_on_direct = .false.   !! iterations have failed
-    logical, private :: resists = .false.   !! a direct solution has failed: weak nodes are tied
-    type(weak_ties_t), private :: ties
     real(wp), allocatable, private :: storage(:)   !! entries of S
     integer, allocatable, private :: storage_place(:, :)   !! (2, :) particles of those of S itself
     real(wp), allocatable, private :: flow(:)      !! entries of -VL, after those of S
@@ -398,7 +395,6 @@ contains
       call add_masses(self, model, skeleton)
     else
       call add_walls(self, model, skeleton)
-      if (self%resists) call add_tie_entries(self, skeleton)
       if (model%finite) call add_pressure_loads(self, model, skeleton)
     end if
     call skeleton%finish()
@@ -1090,26 +1086,18 @@ contains
 
   subroutine implicit_turn_safe(self, model, turned, what)
     !! After a solution that failed: the next `build` factorises, if the scene leaves the choice
-    !! and the system is not too large, or ties nodes that the body hardly touches. Collective.
+    !! and the system is not too large.
     class(implicit_system_t), intent(inout) :: self
-    type(model_t), intent(inout) :: model
+    type(model_t), intent(in) :: model
     logical, intent(out) :: turned
     character(len=:), allocatable, intent(out) :: what   !! is done from now on
 
     turned = .false.
-    what = ''
-    if (.not. self%system%is_direct) then
-      turned = model%scene%solver%linear == 'auto' .and. &
-               sum(self%system%n_all) <= last_resort*direct_limit(ndim)
-      self%insists_on_direct = turned
-      what = 'direct solutions'
-    else if (self%system%has_failed .and. &
-             .not. (self%resists .or. self%is_dynamic .or. model%rigid)) then
-      call self%ties%find(model)
-      turned = model%comm%any(self%ties%n > 0)
-      self%resists = turned
-      what = 'nodes beyond the body are tied to it'
-    end if
+    what = 'direct solutions'
+    if (self%system%is_direct) return
+    turned = model%scene%solver%linear == 'auto' .and. &
+             sum(self%system%n_all) <= last_resort*direct_limit(ndim)
+    self%insists_on_direct = turned
   end subroutine implicit_turn_safe
 
   subroutine implicit_add_resistance(self, model, motion, force)
@@ -1121,30 +1109,7 @@ contains
     real(wp), intent(inout) :: force(:, :)     !! (ndim, n_node), complete [N]
 
     call add_hourglass_forces(model, motion, force)
-    if (self%resists) call self%ties%add_forces(model, motion, force)
   end subroutine implicit_add_resistance
-
-  subroutine add_tie_entries(self, skeleton)
-    !! Stiffness of the ties of weak nodes.
-    class(implicit_system_t), intent(in) :: self
-    type(entries_t), intent(inout) :: skeleton
-    integer :: t, a, b, d
-
-    associate (ties => self%ties, row => self%unknowns%row, sign => self%unknowns%sign)
-      do t = 1, ties%n
-        do b = 1, size(ties%node, 1)
-          do a = 1, size(ties%node, 1)
-            do d = 1, ndim
-              call skeleton%add(row(d, ties%node(a, t)), row(d, ties%node(b, t)), &
-                                sign(d, ties%node(a, t))*sign(d, ties%node(b, t))* &
-                                ties%spring(t)*ties%weight(a, t)*ties%weight(b, t)* &
-                                self%length/self%force)
-            end do
-          end do
-        end do
-      end do
-    end associate
-  end subroutine add_tie_entries
 
   subroutine implicit_stored(self, model, flow_weight, pressure, stored, err)
     !! S V p - a V L p: what increments of pressure store and let out. Collective.

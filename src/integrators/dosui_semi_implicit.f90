@@ -17,6 +17,7 @@ module dosui_semi_implicit
   use dosui_cell_average, only: cell_sums
   use dosui_error, only: error_t
   use dosui_explicit, only: cut_share, damping_limit, fastest_particle
+  use dosui_extended_nodes, only: held_components, inertia_forces
   use dosui_force_balance, only: book_held_by_walls, book_reactions, book_rigid_wall, want_forces
   use dosui_implicit_system, only: implicit_system_t
   use dosui_model, only: balance_t, model_t
@@ -199,19 +200,34 @@ contains
     call self%system%volume_change(motion, expected)
     expected = expected + squeezed
     model%velocity = model%velocity + motion/model%clock%dt
-    if (allocated(model%scene%rigid_wall)) call meet_again(self, model, pressure)
+    if (allocated(model%scene%rigid_wall)) call meet_again(self, model, pressure, motion)
   end subroutine find_pressure
 
-  subroutine meet_again(self, model, pressure)
+  subroutine meet_again(self, model, pressure, motion)
     !! Friction and stops of rigid walls under the changes of the pressures. Collective.
     class(semi_implicit_t), intent(in) :: self
     type(model_t), intent(inout) :: model
     real(wp), intent(in) :: pressure(:)   !! their changes [Pa]
-    real(wp), allocatable :: push(:, :), before(:, :)
+    real(wp), intent(in) :: motion(:, :)  !! what they add to the nodes' motion [m]
+    real(wp), allocatable :: change(:, :)   ! of momenta in the time of a step, likewise [N]
+    real(wp), allocatable :: push(:, :), before(:, :), mass(:, :), known(:, :)
+    logical, allocatable :: held(:, :)   ! with an extension
+    integer, allocatable :: plate(:, :)
     integer :: i, k
 
     allocate (push(ndim, model%grid%n_node))
     call self%system%pressure_forces(model, pressure, push)
+    allocate (mass(1, model%grid%n_node))
+    mass(1, :) = max(model%nodal(1, :), model%inertia)
+    if (model%extension%is_on) then
+      call held_components(model, model%clock%time + model%clock%dt, .false., held, known, plate)
+      held = held .or. self%by_walls
+      call model%extension%fold(model%comm, model%grid, ndim, push, held)
+      call model%extension%fold(model%comm, model%grid, 1, mass)
+      change = motion/model%clock%dt**2
+      call inertia_forces(model, held, change)
+      where (self%by_walls) push = push - change   ! the mass beside moves
+    end if
     if (model%reactions%is_wanted) call book_held_by_walls(model, push)
     do i = 1, model%grid%n_node
       if (model%grid%node_map%is_owned(i)) then
@@ -222,13 +238,16 @@ contains
             model%balance%lost_impulse - model%clock%dt*push(:, i)
         end if
       end if
-      push(:, i) = push(:, i)*model%clock%dt/ &
-                   max(model%nodal(1, i), model%inertia(i), light_node_mass(model))
+      push(:, i) = push(:, i)*model%clock%dt/max(mass(1, i), light_node_mass(model))
     end do
     before = model%velocity
     call correct_friction(model%scene%rigid_wall, model%grid, self%taken, push, self%by_walls, &
                           model%velocity)
     call meet_walls(model%scene%rigid_wall, model%grid, model%velocity)
+    if (model%extension%is_on) then
+      call model%extension%expand(model%comm, model%grid, ndim, model%velocity, held)
+      call meet_walls(model%scene%rigid_wall, model%grid, model%velocity)
+    end if
     call book_wall_impulse(model, before)
     if (.not. model%reactions%is_wanted) return
     model%velocity = before   ! once more, wall by wall
@@ -236,9 +255,12 @@ contains
       before = model%velocity
       call correct_friction(model%scene%rigid_wall(k:k), model%grid, self%taken, push, &
                             self%by_walls, model%velocity)
+      if (model%extension%is_on) call model%extension%expand(model%comm, model%grid, ndim, &
+                                                             model%velocity, held)
       call book_rigid_wall(model, k, model%clock%dt, before)
     end do
-    call meet_one_by_one(model, model%clock%dt)
+    call meet_one_by_one(model, model%clock%dt, held=held)
+    if (model%extension%is_on) call meet_one_by_one(model, model%clock%dt)
   end subroutine meet_again
 
   subroutine prepare(self, model, err)

@@ -621,8 +621,7 @@ contains
     end do
     call model%quadrature%init_from_particles(model%comm, model%grid, n, cell, &
                                               model%particles%field(handle)%values(:, 1:n), &
-                                              model%surface%count, model%surface_cell, cuts, &
-                                              finds_ragged=model%integrator == 'explicit')
+                                              model%surface%count, model%surface_cell, cuts)
   end subroutine build_quadrature
 
   subroutine find_least_inertia(model)

@@ -52,6 +52,7 @@ module dosui_nodal_extension
   real(wp), parameter :: lumped_share = 0.05_wp   !! least E^T m over the diagonal of M_r [-]
   real(wp), parameter :: solver_tolerance = 1.0e-13_wp   !! of masses times velocities [-]
   integer, parameter :: iteration_limit = 100
+  integer, parameter :: n_column = 2*ndim         !! velocities and accelerations at a time
   integer, parameter :: window_reach = 2          !! nodes that are looked at first
   integer, parameter :: window_distance = 8       !! |q|^2 of whole shells in it
   integer, parameter :: last_distance = merge(27, 18, ndim == 3)   !! |q|^2, where fits end
@@ -928,165 +929,238 @@ contains
     class(nodal_extension_t), intent(inout) :: self
     type(communicator_t), intent(in) :: comm
     type(grid_t), intent(inout) :: grid
-    integer, intent(in) :: width    !! vectors of ndim components, one after the other
+    integer, intent(in) :: width    !! one or two vectors of ndim components, one after the other
     real(wp), intent(in) :: mass(grid%n_node)               !! of particles, complete [kg]
     real(wp), intent(inout) :: values(width, grid%n_node)   !! complete
     logical, intent(in), optional :: is_held(ndim, grid%n_node)   !! components that conditions hold
-    real(wp), dimension(width, self%n_strip) :: x, r, z, p, q, is_free, inverse
-    real(wp) :: own(1, self%n_strip), row_mass(width, self%n_row)
-    real(wp), dimension(width) :: before, first, factor
-    real(wp) :: sums(2*width), one
-    integer :: i, k, n, s, iteration
+    real(wp), dimension(n_column, self%n_strip) :: x, is_free
+    real(wp) :: own(self%n_strip), row_mass(n_column, self%n_row), inverse
+    integer :: i, k, n, s
 
     do i = 1, grid%n_node
       if (self%follows(i)) cycle
-      one = 0.0_wp
-      if (mass(i) > tiny(1.0_wp)*1.0e20_wp) one = 1.0_wp/mass(i)
       if (self%is_on) then
         if (self%in_strip(i)) cycle
       end if
+      inverse = 0.0_wp
+      if (mass(i) > tiny(1.0_wp)*1.0e20_wp) inverse = 1.0_wp/mass(i)
       do k = 1, width
         if (present(is_held)) then
           if (is_held(mod(k - 1, ndim) + 1, i)) cycle
         end if
-        values(k, i) = values(k, i)*one
+        values(k, i) = values(k, i)*inverse
       end do
     end do
     if (.not. self%is_on) return
-
-    is_free = 1.0_wp
+    x = 0.0_wp
+    is_free = 0.0_wp
+    own = 0.0_wp
     do s = 1, self%n_strip
       if (self%strip_node(s) == 0) cycle
-      x(:, s) = values(:, self%strip_node(s))
-      own(1, s) = mass(self%strip_node(s))
+      x(:width, s) = values(:, self%strip_node(s))
+      own(s) = mass(self%strip_node(s))
+      is_free(:width, s) = 1.0_wp
       if (.not. present(is_held)) cycle
-      where (columns(width, is_held(:, self%strip_node(s)))) is_free(:, s) = 0.0_wp
+      where (columns(width, is_held(:, self%strip_node(s)))) is_free(:width, s) = 0.0_wp
     end do
-    call self%complete_strip(comm, width, x)
-    call self%complete_strip(comm, 1, own)
-    if (present(is_held)) call self%complete_strip(comm, width, is_free)
-    r = is_free*x
-    x = x - r          ! what is held
     do n = 1, self%n_row
       row_mass(:, n) = mass(self%row_node(n))
       if (.not. present(is_held)) cycle
-      where (columns(width, is_held(:, self%row_node(n)))) row_mass(:, n) = 0.0_wp
+      where (columns(n_column, is_held(:, self%row_node(n)))) row_mass(:, n) = 0.0_wp
     end do
-    call invert_lumped(self, comm, width, own(1, :), row_mass, inverse)
-    inverse = is_free*inverse
-    sums(:width) = products(r, inverse*r)
-    if (present(is_held)) then
+    call solve_strip(self, comm, own, row_mass, is_free, x, present(is_held))
+    do s = 1, self%n_strip
+      if (self%strip_node(s) > 0) values(:, self%strip_node(s)) = x(:width, s)
+    end do
+    call self%expand(comm, grid, width, values, is_held)
+  end subroutine nodal_extension_solve
+
+  subroutine solve_strip(self, comm, own, row_mass, is_free, x, has_held)
+    !! The equations of the strip, by conjugate gradients. Collective.
+    class(nodal_extension_t), intent(inout) :: self
+    type(communicator_t), intent(in) :: comm
+    real(wp), intent(inout) :: own(self%n_strip)   !! masses of the nodes [kg]
+    real(wp), intent(in) :: row_mass(n_column, self%n_row)
+    !! masses of the components that follow [kg]
+    real(wp), intent(inout) :: is_free(n_column, self%n_strip)   !! 1: unknown, 0: held
+    real(wp), intent(inout) :: x(n_column, self%n_strip)
+    !! right side on unknowns and values where held; solution on return
+    logical, intent(in) :: has_held
+    real(wp), dimension(n_column, self%n_strip) :: r, z, p, q, inverse
+    real(wp) :: sums(2*n_column), before(n_column), first(n_column), factor(n_column)
+    integer :: iteration
+
+    call self%complete_strip(comm, n_column, x)
+    call self%complete_strip(comm, 1, own)
+    call self%complete_strip(comm, n_column, is_free)
+    r = is_free*x
+    x = x - r          ! what is held
+    call invert_lumped(self, comm, own, row_mass, is_free, inverse)
+    z = inverse*r
+    sums(:n_column) = product_of(self%n_strip, self%strip_is_owned, r, z)
+    if (has_held) then
       call multiply(x, q)
       r = is_free*(r - q)
     end if
-    p = inverse*r
+    p = inverse*r      ! after this the residual's sum is 0
     x = x + p
     call multiply(p, q)
     r = is_free*(r - q)
-    z = inverse*r
-    sums(width + 1:) = products(r, z)
+    p = inverse*r
+    sums(n_column + 1:) = product_of(self%n_strip, self%strip_is_owned, r, p)
     call comm%sum_array(sums)
-    first = sums(:width)
-    before = sums(width + 1:)
-    p = z
+    first = sums(:n_column)
+    before = sums(n_column + 1:)
+    self%n_solve = self%n_solve + 1
     do iteration = 1, iteration_limit
       if (all(before <= solver_tolerance**2*first)) exit
       call multiply(p, q)
-      sums(:width) = products(p, q)
-      call comm%sum_array(sums(:width))
+      sums(:n_column) = product_of(self%n_strip, self%strip_is_owned, p, q)
+      call comm%sum_array(sums(:n_column))
       factor = 0.0_wp
-      where (sums(:width) > 0.0_wp) factor = before/sums(:width)
-      do s = 1, self%n_strip
-        x(:, s) = x(:, s) + factor*p(:, s)
-        r(:, s) = r(:, s) - factor*is_free(:, s)*q(:, s)
-        z(:, s) = inverse(:, s)*r(:, s)
-      end do
-      sums(:width) = products(r, z)
-      call comm%sum_array(sums(:width))
+      where (sums(:n_column) > 0.0_wp) factor = before/sums(:n_column)
+      call advance(self%n_strip, factor, is_free, inverse, p, q, x, r, z)
+      sums(:n_column) = product_of(self%n_strip, self%strip_is_owned, r, z)
+      call comm%sum_array(sums(:n_column))
       factor = 0.0_wp
-      where (before > 0.0_wp) factor = sums(:width)/before
-      before = sums(:width)
-      do s = 1, self%n_strip
-        p(:, s) = z(:, s) + factor*p(:, s)
-      end do
+      where (before > 0.0_wp) factor = sums(:n_column)/before
+      before = sums(:n_column)
+      call turn(self%n_strip, factor, z, p)
       self%n_iteration = self%n_iteration + 1
       self%most_iterations = max(self%most_iterations, iteration)
     end do
-    self%n_solve = self%n_solve + 1
-    do s = 1, self%n_strip
-      if (self%strip_node(s) > 0) values(:, self%strip_node(s)) = x(:, s)
-    end do
-    call self%expand(comm, grid, width, values, is_held)
 
   contains
 
-    pure function products(a, b)
-      !! This rank's part of the scalar products.
-      real(wp), intent(in) :: a(width, self%n_strip), b(width, self%n_strip)
-      real(wp) :: products(width)
-      integer :: m
-
-      products = 0.0_wp
-      do m = 1, self%n_strip
-        if (self%strip_is_owned(m)) products = products + a(:, m)*b(:, m)
-      end do
-    end function products
-
     subroutine multiply(a, b)
       !! b = M_r a on the strip, complete on all copies.
-      real(wp), intent(in) :: a(width, self%n_strip)
-      real(wp), intent(out) :: b(width, self%n_strip)
-      real(wp) :: total(width)
-      integer :: row, m
+      real(wp), intent(in) :: a(n_column, self%n_strip)
+      real(wp), intent(out) :: b(n_column, self%n_strip)
 
-      do m = 1, self%n_strip
-        b(:, m) = 0.0_wp
-        if (self%strip_is_owned(m)) b(:, m) = own(1, m)*a(:, m)
-      end do
-      do row = 1, self%n_row
-        if (.not. self%row_is_owned(row)) cycle
-        total = 0.0_wp
-        do m = self%row_start(row), self%row_start(row + 1) - 1
-          total = total + self%weight(m)*a(:, self%source(m))
-        end do
-        total = row_mass(:, row)*total
-        do m = self%row_start(row), self%row_start(row + 1) - 1
-          b(:, self%source(m)) = b(:, self%source(m)) + self%weight(m)*total
-        end do
-      end do
-      call self%add_strip(comm, width, b)
+      call start_product(self%n_strip, self%strip_is_owned, own, a, b)
+      call add_followers(self%n_row, self%row_is_owned, self%row_start, size(self%source), &
+                         self%source, self%weight, row_mass, self%n_strip, a, b)
+      call self%add_strip(comm, n_column, b)
     end subroutine multiply
-  end subroutine nodal_extension_solve
+  end subroutine solve_strip
 
-  subroutine invert_lumped(self, comm, width, own, row_mass, inverse)
-    !! 1/(E^T m), or of the diagonal of M_r where that is much larger. Collective.
+  pure function product_of(n, is_owned, a, b) result(products)
+    !! Kernel: this rank's part of the scalar products.
+    integer, intent(in) :: n
+    logical, intent(in) :: is_owned(n)
+    real(wp), intent(in) :: a(n_column, n), b(n_column, n)
+    real(wp) :: products(n_column)
+    integer :: k
+
+    products = 0.0_wp
+    do k = 1, n
+      if (is_owned(k)) products = products + a(:, k)*b(:, k)
+    end do
+  end function product_of
+
+  pure subroutine advance(n, factor, is_free, inverse, p, q, x, r, z)
+    !! Kernel: one step along a direction.
+    integer, intent(in) :: n
+    real(wp), intent(in) :: factor(n_column)
+    real(wp), dimension(n_column, n), intent(in) :: is_free, inverse, p, q
+    real(wp), dimension(n_column, n), intent(inout) :: x, r, z
+    integer :: k
+
+    do k = 1, n
+      x(:, k) = x(:, k) + factor*p(:, k)
+      r(:, k) = r(:, k) - factor*is_free(:, k)*q(:, k)
+      z(:, k) = inverse(:, k)*r(:, k)
+    end do
+  end subroutine advance
+
+  pure subroutine turn(n, factor, z, p)
+    !! Kernel: the next direction.
+    integer, intent(in) :: n
+    real(wp), intent(in) :: factor(n_column), z(n_column, n)
+    real(wp), intent(inout) :: p(n_column, n)
+    integer :: k
+
+    do k = 1, n
+      p(:, k) = z(:, k) + factor*p(:, k)
+    end do
+  end subroutine turn
+
+  pure subroutine start_product(n, is_owned, own, a, b)
+    !! Kernel: the nodes' own masses times a.
+    integer, intent(in) :: n
+    logical, intent(in) :: is_owned(n)
+    real(wp), intent(in) :: own(n), a(n_column, n)
+    real(wp), intent(out) :: b(n_column, n)
+    integer :: k
+
+    do k = 1, n
+      if (is_owned(k)) then
+        b(:, k) = own(k)*a(:, k)
+      else
+        b(:, k) = 0.0_wp
+      end if
+    end do
+  end subroutine start_product
+
+ pure subroutine add_followers(n_row, row_is_owned, row_start, n_source, source, weight, row_mass, &
+                                n_strip, a, b)
+    !! Kernel: adds E^T m E a of the nodes that follow.
+    integer, intent(in) :: n_row, n_source, n_strip
+    logical, intent(in) :: row_is_owned(n_row)
+    integer, intent(in) :: row_start(n_row + 1), source(n_source)
+    real(wp), intent(in) :: weight(n_source)
+    real(wp), intent(in) :: row_mass(n_column, n_row)   !! [kg]
+    real(wp), intent(in) :: a(n_column, n_strip)
+    real(wp), intent(inout) :: b(n_column, n_strip)
+    real(wp) :: total(n_column)
+    integer :: k, row
+
+    do row = 1, n_row
+      if (.not. row_is_owned(row)) cycle
+      total = 0.0_wp
+      do k = row_start(row), row_start(row + 1) - 1
+        total = total + weight(k)*a(:, source(k))
+      end do
+      total = row_mass(:, row)*total
+      do k = row_start(row), row_start(row + 1) - 1
+        b(:, source(k)) = b(:, source(k)) + weight(k)*total
+      end do
+    end do
+  end subroutine add_followers
+
+  subroutine invert_lumped(self, comm, own, row_mass, is_free, inverse)
+    !! 1/(E^T m), or of the diagonal of M_r where that is much larger; 0 where held. Collective.
     class(nodal_extension_t), intent(inout) :: self
     type(communicator_t), intent(in) :: comm
-    integer, intent(in) :: width
-    real(wp), intent(in) :: own(self%n_strip)              !! masses of the strip's nodes [kg]
-    real(wp), intent(in) :: row_mass(width, self%n_row)    !! of components that follow [kg]
-    real(wp), intent(out) :: inverse(width, self%n_strip)  !! [1/kg]
-    real(wp) :: lumped(2*width, self%n_strip)
-    integer :: k, r, s
+    real(wp), intent(in) :: own(self%n_strip)                 !! masses of the strip's nodes [kg]
+    real(wp), intent(in) :: row_mass(n_column, self%n_row)    !! of components that follow [kg]
+    real(wp), intent(in) :: is_free(n_column, self%n_strip)
+    real(wp), intent(out) :: inverse(n_column, self%n_strip)  !! [1/kg]
+    real(wp) :: lumped(2*ndim, self%n_strip)   ! E^T m and the diagonal of M_r
+    integer :: a, k, r, s
 
     lumped = 0.0_wp
     do r = 1, self%n_row
       if (.not. self%row_is_owned(r)) cycle
       do k = self%row_start(r), self%row_start(r + 1) - 1
         s = self%source(k)
-        lumped(:width, s) = lumped(:width, s) + self%weight(k)*row_mass(:, r)
-        lumped(width + 1:, s) = lumped(width + 1:, s) + self%weight(k)**2*row_mass(:, r)
+        lumped(:ndim, s) = lumped(:ndim, s) + self%weight(k)*row_mass(:ndim, r)
+        lumped(ndim + 1:, s) = lumped(ndim + 1:, s) + self%weight(k)**2*row_mass(:ndim, r)
       end do
     end do
-    call self%add_strip(comm, 2*width, lumped)
+    call self%add_strip(comm, 2*ndim, lumped)
     do s = 1, self%n_strip
-      lumped(:, s) = lumped(:, s) + own(s)
-      do k = 1, width
-        if (.not. lumped(k, s) > lumped_share*lumped(width + k, s)) then
-          lumped(k, s) = lumped(width + k, s)
+      do a = 1, ndim
+        lumped(a, s) = lumped(a, s) + own(s)
+        lumped(ndim + a, s) = lumped(ndim + a, s) + own(s)
+        if (.not. lumped(a, s) > lumped_share*lumped(ndim + a, s)) then
+          lumped(a, s) = lumped(ndim + a, s)
         end if
-        inverse(k, s) = 0.0_wp
-        if (lumped(k, s) > tiny(1.0_wp)*1.0e20_wp) inverse(k, s) = 1.0_wp/lumped(k, s)
+        lumped(ndim + a, s) = 0.0_wp
+        if (lumped(a, s) > tiny(1.0_wp)*1.0e20_wp) lumped(ndim + a, s) = 1.0_wp/lumped(a, s)
+      end do
+      do k = 1, n_column
+        inverse(k, s) = is_free(k, s)*lumped(ndim + mod(k - 1, ndim) + 1, s)
       end do
     end do
   end subroutine invert_lumped

@@ -71,13 +71,18 @@ def numbers(values: list[float]) -> str:
     return ", ".join(f"{v:.17g}" for v in values)
 
 
-def undrained(confined: list[int], total: dict[int, float], wet: bool) -> tuple[np.ndarray, float]:
-    """Strains along the axes under total stresses on those that are free, and the pressure."""
+def undrained(
+    confined: list[int], total: dict[int, float], wet: bool, known: dict[int, float]
+) -> tuple[np.ndarray, float]:
+    """Strains along the axes, some known, under total stresses on the others, and the pressure."""
     bulk = STIFF_WATER if wet else 0.0
-    free = [a for a in range(3) if a not in confined]
-    matrix = np.full((len(free), len(free)), LAME + bulk) + 2 * SHEAR * np.eye(len(free))
+    free = [a for a in range(3) if a not in confined and a not in known]
     strain = np.zeros(3)
-    strain[free] = np.linalg.solve(matrix, [total[a] for a in free])
+    for a, value in known.items():
+        strain[a] = value
+    matrix = np.full((len(free), len(free)), LAME + bulk) + 2 * SHEAR * np.eye(len(free))
+    held = (LAME + bulk) * strain.sum()
+    strain[free] = np.linalg.solve(matrix, [total[a] - held for a in free])
     return strain, -bulk * strain.sum()
 
 
@@ -113,6 +118,9 @@ def patch(seed: int, dimension: int = 0) -> Patch:
     if anchored:
         kind = draw.choice(["aligned", "jittered", "lattice"])
     finite = anchored and not wet and draw.random() < 0.5
+    if anchored and not finite and load == "biaxial":  # both ends on grid lines
+        load = random.Random(seed).choice(["biaxial", "pressed", "plate"])
+        cells = round(cells) if load != "biaxial" else cells
     h = 1.0 / cells
     size = [0.8, 0.7, 1.0]
     axes = [0, 2] if dimension == 2 else [0, 1, 2]
@@ -138,7 +146,8 @@ def patch(seed: int, dimension: int = 0) -> Patch:
         faces = faces[:4]
     else:
         confined = across + ([a for a in axes if a != 2] if load == "uniaxial" else [])
-        axial, pressure = undrained(confined, {a: -push[a] for a in range(3)}, wet)
+        known = {2: -1.0e-3} if load == "pressed" else {}
+        axial, pressure = undrained(confined, {a: -push[a] for a in range(3)}, wet, known)
         strain = np.diag(axial)
         for a, name in enumerate("xyz"):
             if a not in axes:
@@ -146,6 +155,11 @@ def patch(seed: int, dimension: int = 0) -> Patch:
             walls += [f"surface='{name}-' kind='roller'"]
             if a in confined:
                 walls += [f"surface='{name}+' kind='roller'"]
+            elif a == 2 and load == "pressed":
+                walls += [f"surface='z+' kind='normal_velocity' value={-1.0e-3 * size[2]:.17g}"]
+            elif a == 2 and load == "plate":
+                force = push[a] * size[0] * (size[1] if dimension == 3 else 1.0)
+                walls += [f"surface='z+' kind='plate' value={force:.17g}"]
             else:
                 walls += [f"surface='{name}+' kind='pressure' value={push[a]:.17g}"]
     if finite:

@@ -54,11 +54,12 @@ def trial(seed: int, transfer: str = "") -> Trial:
     draw = random.Random(1000 + seed)
     case = patch(seed, 2)
     transfer = transfer or draw.choice(TRANSFERS)
-    damped = seed % 4 == 0
+    damped = seed % 4 == 0 and not case.finite and case.per_cell > 1  # single grains rest slowly
     shape = "linear" if damped else draw.choice(["linear", "linear", "gimp", "bspline"])
     free = not damped and draw.random() < 0.5
     text = case.text.replace("shape_function='linear'", f"shape_function='{shape}'")
     text = text.replace("integrator='quasi_static'", "integrator='explicit'")
+    text = text.replace("deformation='finite'", "")
     if free:
         lines = [line for line in text.splitlines() if not line.startswith("&mechanical")]
         lines += [
@@ -79,7 +80,7 @@ def trial(seed: int, transfer: str = "") -> Trial:
     rate = 0.0
     if damped:
         rate = 2 * np.pi * slow / 4.0  # about critical for the slowest vibration
-        end = 60 / rate
+        end = 90 / rate
         keys = f"end_time={end:.17g} output_interval={end:.17g}"
     text = text.replace("end_time=1 ", keys + " ")
     more = f"&mechanics transfer='{transfer}'"

@@ -614,6 +614,7 @@ contains
       else
         model%weight = volume(1, 1:n)
       end if
+      if (model%outer_pressure%acts) model%pressed_volume = volume(1, 1:n)
       if (model%averaged .or. model%coupled) then
         call model%average%set_weights(model%comm, model%grid, n, model%cell, model%weight)
       end if

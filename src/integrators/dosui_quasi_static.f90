@@ -587,6 +587,11 @@ contains
       call self%system%build(model, .false., err)
       model%clock%time = t
       call add_pressure(model, -pressure)
+      if (model%finite .and. model%coupled .and. .not. err%failed()) then
+        ! what is stored and flows belongs to the places that the system was just built for
+        call self%water_residual(model, time, a, supply, start, pressure, water, err)
+        residual = residual_norm(self, model, force, water)
+      end if
       call model%timers%stop(model%phase%assembly)
       call model%timers%start(model%phase%solver)
       call self%system%solve(model, a, force, time, merge(held, none, has_held), has_held, &

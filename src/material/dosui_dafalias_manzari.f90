@@ -22,7 +22,7 @@ module dosui_dafalias_manzari
   integer, parameter :: back = 2                    ! alpha
   integer, parameter :: start = 2 + nsig            ! alpha where the loading began
   integer, parameter :: fabric = 2 + 2*nsig         ! z
-  integer, parameter :: finest = 16                 ! sub-steps are no shorter than 2^-finest
+  integer, parameter :: finest = 13                 ! sub-steps are no shorter than 2^-finest
   integer, parameter :: most_iterations = 60        ! of the search for the yield surface
   real(wp), parameter :: root_23 = sqrt(2.0_wp/3.0_wp)
   real(wp), parameter :: on_surface = 1.0e-9_wp     ! |f| over the surface's radius [-]
@@ -32,6 +32,7 @@ module dosui_dafalias_manzari
   ! elastic change of the stress ratio in a sub-step over the yield surface's radius: beyond 2 the
   ! direction of flow, which turns towards that of the strain, would swing about it [-]
   real(wp), parameter :: growth = 0.15_wp           ! error over tolerance that doubles a step [-]
+  real(wp), parameter :: leaving = 2.0_wp           ! error over tolerance on another's sub-steps [-]
   real(wp), parameter :: least_way = 1.0e-8_wp      ! of alpha since the loading began [-]
   real(wp), parameter :: least_hardening = 0.01_wp  ! 1 - c_h e [-]
   real(wp), parameter :: largest_state = 1.0_wp     ! |psi| that surfaces answer to [-]
@@ -83,7 +84,7 @@ module dosui_dafalias_manzari
   type :: plan_t
     !! Sub-steps of an increment, kept so that tangents belong to the same ones.
     logical :: is_fixed = .false.
-    integer :: n = 0
+    logical :: is_left = .false.        !! followed where it is too coarse: near instability
     integer, allocatable :: level(:)    !! k of their sizes 2^-k; not allocated: not kept
   end type plan_t
 
@@ -213,12 +214,30 @@ contains
       change(k) = step
       if (k > 3) change(k) = 0.5_wp*step
       more = before
-      call integrate(self, strain + change, volume, more, plan)
+      call follow(self, strain + change, volume, more, plan)
       less = before
-      call integrate(self, strain - change, volume, less, plan)
+      call follow(self, strain - change, volume, less, plan)
       tangent(:, k) = (more%stress - less%stress)/(2.0_wp*step)
     end do
   end subroutine differentiate
+
+  subroutine follow(self, strain, volume, point, plan)
+    !! Kernel: as `integrate`, by the sub-steps of a neighbouring increment unless these let errors
+    !! grow: hardly any mean stress, where other sub-steps lead elsewhere.
+    type(dafalias_manzari_t), intent(in) :: self
+    real(wp), intent(in) :: strain(nsig)    !! the increment
+    real(wp), intent(in) :: volume          !! 1 + e before
+    type(point_t), intent(inout) :: point
+    type(plan_t), intent(inout) :: plan     !! of the neighbour
+    type(point_t) :: before
+    type(plan_t) :: own
+
+    before = point
+    call integrate(self, strain, volume, point, plan)
+    if (.not. plan%is_left) return
+    point = before
+    call integrate(self, strain, volume, point, own)
+  end subroutine follow
 
   subroutine integrate(self, strain, volume, point, plan)
     !! Kernel: brings a point to the end of an increment.
@@ -237,6 +256,7 @@ contains
     level = 0
     place = 0   ! in units of 2^-finest
     k = 0
+    plan%is_left = .false.
     do while (place < 2**finest)
       k = k + 1
       if (plan%is_fixed) level = plan%level(k)
@@ -254,6 +274,9 @@ contains
         end if
         if (allocated(plan%level)) plan%level(k) = level
       end if
+      if (plan%is_fixed .and. level < finest) then
+        plan%is_left = plan%is_left .or. error > leaving*self%tolerance
+      end if
       if (error > self%tolerance .and. level == finest) then
         call hold_within(self, voids(2), point, trial)
       end if
@@ -263,7 +286,6 @@ contains
         if (mod(place, 2*taken) == 0) level = level - 1
       end if
     end do
-    if (.not. plan%is_fixed) plan%n = k
   end subroutine integrate
 
   pure subroutine hold_within(self, voids, before, point)

@@ -103,6 +103,8 @@ module dosui_model
     type(nodal_conditions_t) :: nodal_conditions
     type(surface_forces_t) :: surface_forces
     type(outer_pressure_t) :: outer_pressure  !! pressures on surfaces that move
+    real(wp), allocatable :: pressed_volume(:)
+    !! of the particles for these, as old as the weights: trial motions change the volumes [m3]
     type(cell_average_t) :: average
     type(cell_quadrature_t) :: quadrature
     type(nodal_extension_t) :: extension   !! nodes that the body hardly touches

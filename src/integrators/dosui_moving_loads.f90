@@ -102,7 +102,7 @@ contains
         call model%quadrature%forces(model%grid, model%average%cell_weight, stress, force)
       end if
       call pressure_forces(model%grid, n, model%patch, position, model%weight, &
-                           model%particles%field(model%p%volume)%values(1, 1:n), own, slope, force)
+                           model%pressed_volume, own, slope, force)
     end associate
   end subroutine add_body_part
 end module dosui_moving_loads

@@ -698,6 +698,7 @@ contains
       else
         model%weight = volume(1, 1:n)
       end if
+      if (model%outer_pressure%acts) model%pressed_volume = volume(1, 1:n)
       if (model%averaged .or. model%coupled) then
         call set_average(model%quadrature%group)
       end if

@@ -209,6 +209,17 @@ def test_fluid_inertia(
         assert min(without) >= 0.15
 
 
+def test_where_u_p_ends(dosui: Runner) -> None:
+    """--check warns of loads too fast for equations without the water's relative acceleration."""
+    fast, slow = (dosui(harmonic(k).scene(20, "explicit"), "--check") for k in (1.0e-1, 1.0e-3))
+    assert "k omega/g is 0.44" in fast.stdout + fast.stderr
+    assert "k omega/g" not in slow.stdout + slow.stderr
+    inert = replace(harmonic(1.0e-3), inertia=True)
+    refused = dosui(inert.scene(20, "semi_implicit"), "--check")
+    assert refused.status == 2
+    assert "fluid_inertia = .true.: works with integrator = 'explicit' only" in refused.stderr
+
+
 SHAKEN = """
 &scene dimension = {dim} water = 'none' gravity = {dim}*0.0 /
 &grid spacing = {h} /

@@ -418,6 +418,7 @@ contains
     integer, intent(in) :: handle   !! positions that the geometry is built from
     real(wp), allocatable :: nodal(:, :), held(:, :), edge(:, :, :)
     integer, allocatable :: patch(:), cell(:)
+    logical, allocatable :: is_filled(:)
     integer :: n, m, n_lost, surface_handle
 
     n = model%particles%count
@@ -443,13 +444,15 @@ contains
       call build_extension(model, n, patch, cell, handle)
       if (h%edge > 0) edge = reshape(field(h%edge)%values(:, 1:m), [ndim, max(ndim - 1, 1), m])
       if (h%held > 0) held = field(h%held)%values(:, 1:m)
+      if (model%quadrature%exact .and. .not. model%quadrature%fitted) then
+        is_filled = model%quadrature%part > 0.0_wp
+      end if
       call model%surface_forces%init(model%comm, model%grid, m, model%surface_cell, &
                                      field(surface_handle)%values(:, 1:m), &
                                      field(h%normal)%values(:, 1:m), &
                                      field(h%area)%values(1, 1:m), nodal(1, :), model%density, &
                                      wall_modulus(model), model%scene%mechanics%penalty, &
-                                     model%by_force, model%quadrature%exact .and. &
-                                     .not. model%quadrature%fitted, held, edge)
+                                     model%by_force, is_filled, held, edge)
       if (model%quadrature%exact .and. .not. model%quadrature%fitted) then
         call hold_nodes_of_parts(model)
       else

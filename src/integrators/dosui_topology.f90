@@ -454,6 +454,7 @@ contains
     real(wp), allocatable :: nodal(:, :), held(:, :), edge(:, :, :)
     integer, allocatable :: patch(:), cell(:)
     logical, allocatable :: at_points(:, :)   ! conditions whose forces surface points spread
+    logical, allocatable :: is_filled(:)
     integer :: n, m, n_lost, surface_handle
 
     n = model%particles%count
@@ -483,13 +484,15 @@ contains
       if (model%updated) at_points = at_points .and. &
                                      .not. spread(is_pressure(model%scene%mechanical_condition), &
                                                   2, m)
+      if (model%quadrature%exact .and. .not. model%quadrature%fitted) then
+        is_filled = model%quadrature%part > 0.0_wp
+      end if
       call model%surface_forces%init(model%comm, model%grid, m, model%surface_cell, &
                                      field(surface_handle)%values(:, 1:m), &
                                      field(h%normal)%values(:, 1:m), &
                                      field(h%area)%values(1, 1:m), nodal(1, :), model%density, &
                                      wall_modulus(model), model%scene%mechanics%penalty, &
-                                     at_points, model%quadrature%exact .and. &
-                                     .not. model%quadrature%fitted, held, edge)
+                                     at_points, is_filled, held, edge)
       if (model%quadrature%exact .and. .not. model%quadrature%fitted) then
         call hold_nodes_of_parts(model)
       else

@@ -57,10 +57,10 @@ module dosui_surface_forces
 contains
 
   subroutine surface_forces_init(self, comm, grid, n_point, cell, position, normal, area, mass, &
-                                 density, modulus, penalty, handled, is_cut, held, edge)
+                                 density, modulus, penalty, handled, is_filled, held, edge)
     !! Computes the weights of all surface points from the nodal masses at hand. Collective.
     !!
-    !! With `is_cut` a point stands for parts of its piece of surface, one in each cell that the
+    !! With `is_filled` a point stands for parts of its piece of surface, one in each cell that the
     !! piece lies in, with the hats of that cell (`dosui_piece_cuts`): the integral over the surface
     !! then fits the integrals over cut cells.
     class(surface_forces_t), intent(inout) :: self
@@ -76,7 +76,8 @@ contains
     real(wp), intent(in) :: modulus                   !! that walls resist [Pa]
     real(wp), intent(in) :: penalty                   !! wall stiffness factor [-]
     logical, intent(in) :: handled(:, :)              !! (conditions, points) entries to be made
-    logical, intent(in), optional :: is_cut           !! pieces are cut by the cells
+    logical, intent(in), optional :: is_filled(grid%n_cell)
+    !! cells with a part of the body: these cut the pieces
     real(wp), intent(in), optional :: held(ndim, n_point)
     !! normals of the smooth surfaces that facets stand for; absent: they are the facets' [-]
     real(wp), intent(in), optional :: edge(ndim, max(ndim - 1, 1), n_point)
@@ -97,11 +98,9 @@ contains
                                 reshape(handled, [size(handled)]))
     self%n_dropped = 0
     if (allocated(self%weight)) deallocate (self%weight, self%node, self%cell)
-    if (present(is_cut)) then
-      if (is_cut) then
-        call cut_pieces(self, grid, cell, position, normal, area, edge)
-        return
-      end if
+    if (present(is_filled)) then
+      call cut_pieces(self, grid, cell, is_filled, position, normal, area, edge)
+      return
     end if
     allocate (self%weight(2**ndim, self%n_part, n_point), source=0.0_wp)
     allocate (self%node(2**ndim, self%n_part, n_point), self%cell(self%n_part, n_point), source=0)
@@ -127,11 +126,13 @@ contains
     end do
   end subroutine surface_forces_init
 
-  subroutine cut_pieces(self, grid, cell, position, normal, area, edge)
-    !! Parts of all pieces. What lies in a cell that the grid lacks stays with the point's cell.
+  subroutine cut_pieces(self, grid, cell, is_filled, position, normal, area, edge)
+    !! Parts of all pieces. What lies beyond the body's cells, as flat pieces of bent faces may, stays
+    !! with the point's cell: nothing else holds the nodes there.
     class(surface_forces_t), intent(inout) :: self
     type(grid_t), intent(in) :: grid
     integer, intent(in) :: cell(:)
+    logical, intent(in) :: is_filled(:)
     real(wp), intent(in) :: position(:, :), normal(:, :), area(:)
     real(wp), intent(in), optional :: edge(:, :, :)
     integer, allocatable :: base(:, :)
@@ -155,6 +156,9 @@ contains
         call cut_piece(place, normal(:, p), span, n, base, weight)
         do k = 1, n
           self%cell(k, p) = binary_search(grid%cell_key, pack_key(base(:, k)))
+          if (self%cell(k, p) > 0) then
+            if (.not. is_filled(self%cell(k, p))) self%cell(k, p) = 0
+          end if
           if (self%cell(k, p) == 0) then
             self%cell(k, p) = cell(p)
             weight(:, k) = sum(weight(:, k))*hat_weights(position(:, p), grid, cell(p))

@@ -38,6 +38,7 @@ class Patch:
     seed: int
     dimension: int
     kind: str
+    shape: str
     per_cell: int
     wet: bool
     load: str
@@ -55,7 +56,8 @@ class Patch:
         """What is special about it."""
         water = "undrained" if self.wet else "dry"
         return (
-            f"{self.seed}: {self.dimension}-D {self.kind} {self.per_cell} per direction {water} "
+            f"{self.seed}: {self.dimension}-D {self.kind} {self.shape} "
+            f"{self.per_cell} per direction {water} "
             f"{self.load}{' anchored' if self.anchored else ''}{' finite' if self.finite else ''}"
         )
 
@@ -128,6 +130,7 @@ def patch(seed: int, dimension: int = 0) -> Patch:
     angle = draw.uniform(-45, 45) if "bod" in kind or kind == "both" else 0.0
     lattice = {"lattice": draw.uniform(-45, 45), "both": draw.uniform(-45, 45)}.get(kind, angle)
     jitter = 0.25 if "jittered" in kind else 0.0
+    shape = random.Random(-seed).choice(["linear"] * 4 + ["gimp", "bspline"])
     across = [] if dimension == 3 else [1]
     strain = np.zeros((3, 3))
     push = {a: draw.uniform(500, 1500) for a in range(3)}
@@ -177,7 +180,8 @@ def patch(seed: int, dimension: int = 0) -> Patch:
         f"&scene title='patch {seed}' dimension={dimension} integrator='quasi_static'",
         f" water='{'saturated' if wet else 'none'}' gravity={numbers([0.0] * dimension)}",
         " deformation='finite' /" if finite else " /",
-        f"&grid spacing={h:.17g} origin={numbers(origin)} shape_function='linear' /",
+        f"&grid spacing={h:.17g} origin={numbers(origin)} shape_function='{shape}' /",
+        "&mechanics coupling_gradient='cell_centre' /",
         "&time end_time=1 /",
         f"&material name='s' young_modulus={YOUNG} poisson_ratio={POISSON} porosity={POROSITY}",
         f" hydraulic_conductivity={1.0e-12 if wet else 0.0} /" if wet else " /",
@@ -194,6 +198,7 @@ def patch(seed: int, dimension: int = 0) -> Patch:
         seed,
         dimension,
         kind,
+        shape,
         per_cell,
         wet,
         load,

@@ -1,8 +1,8 @@
 """Jittered boxes that fly, spin and vibrate freely through the grid, as explicit `updated` scenes.
 
 `python tests/verification/flying_boxes.py 3` tries as many boxes with every transfer and shape
-function and prints what becomes of momentum (over mass times the initial speed), of angular momentum
-and of energy; DOSUI_RANKS=3 runs on so many ranks.
+function and prints what becomes of momentum (over mass times the initial speed), of angular
+momentum and of energy; DOSUI_RANKS=3 runs on so many ranks.
 """
 
 from __future__ import annotations
@@ -41,7 +41,8 @@ def box(seed: int, transfer: str, shape: str, steps: int = STEPS) -> SimpleNames
  shape_function='{shape}' /
 &time end_time={end:.17g} output_interval={end / 10:.17g} /
 &mechanics transfer='{transfer}' /
-&material name='s' young_modulus={YOUNG} poisson_ratio={POISSON} porosity={POROSITY} solid_density={SOLID} /
+&material name='s' young_modulus={YOUNG} poisson_ratio={POISSON} porosity={POROSITY}
+ solid_density={SOLID} /
 &region name='c' material='s' box_min=0, 0 box_max={5 * h:.17g}, {6 * h:.17g} jitter=0.25
  jitter_seed={seed} particles_per_cell={per_cell} lattice_angle={draw.uniform(-45, 45):.17g}
  shape_angle={draw.uniform(-45, 45):.17g} velocity={v[0]:.17g}, {v[1]:.17g}
@@ -96,8 +97,10 @@ def main() -> int:
             for seed in range(1, count + 1):
                 case = box(seed, transfer, shape)
                 found = fly(case, program, ranks)
-                print(f"{case.name}: " + ", ".join(f"{k} {v:.2e}" for k, v in found.items()),
-                      flush=True)
+                print(
+                    f"{case.name}: " + ", ".join(f"{k} {v:.2e}" for k, v in found.items()),
+                    flush=True,
+                )
                 n_bad += not found.get("momentum", 1.0) <= 1e-12
     print(f"{n_bad} wrong")
     return n_bad > 0

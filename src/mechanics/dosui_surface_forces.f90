@@ -127,8 +127,8 @@ contains
   end subroutine surface_forces_init
 
   subroutine cut_pieces(self, grid, cell, is_filled, position, normal, area, edge)
-    !! Parts of all pieces. What lies beyond the body's cells, as flat pieces of bent faces may, stays
-    !! with the point's cell: nothing else holds the nodes there.
+    !! Parts of all pieces. What lies beyond the body's cells, as flat pieces of bent faces may,
+    !! stays with the point's cell: nothing else holds the nodes there.
     class(surface_forces_t), intent(inout) :: self
     type(grid_t), intent(in) :: grid
     integer, intent(in) :: cell(:)

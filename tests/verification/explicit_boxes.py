@@ -3,8 +3,8 @@ to rest in the exact uniform stress.
 
 `python tests/verification/explicit_boxes.py 200` tries as many boxes at the default step and prints
 those that blow up, and the worst errors of damped ones; `... 200 3` begins with number 3;
-`... 200 3 flip` with this transfer only; DOSUI_RANKS=3 runs on so many ranks, DOSUI_COURANT=0.7 with
-other steps, DOSUI_DIMENSION=3 in three dimensions.
+`... 200 3 flip` with this transfer only; DOSUI_RANKS=3 runs on so many ranks, DOSUI_COURANT=0.7
+with other steps, DOSUI_DIMENSION=3 in three dimensions.
 
 The boxes are those of `cut_bodies.py` with softer water (K_w/n = 10 M), loaded all at once: held by
 walls on cut faces or free under pressure from all sides; hats, GIMP or B-splines.

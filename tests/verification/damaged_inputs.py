@@ -1,10 +1,6 @@
 """Damages input files of every kind and compares dosui's verdict with an independent one.
 
-<<<<<<<< HEAD:tests/verification/damage_inputs.py
-python tests/verification/damage_inputs.py --count 300 --seed 1     # prints how many were refused
-========
 python tests/verification/damaged_inputs.py --count 300 --seed 1     # prints how many were refused
->>>>>>>> h/files:tests/verification/damaged_inputs.py
 """
 
 from __future__ import annotations

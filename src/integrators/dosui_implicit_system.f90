@@ -116,7 +116,8 @@ contains
     end if
     call self%unknowns%build(model, is_empty)
     n_u = self%unknowns%n_u
-    n_unknown = model%comm%sum(n_u) + model%comm%sum(self%unknowns%n_p)
+    ! rows of empty nodes around the body do not count: their number depends on the ranks
+    n_unknown = model%comm%sum(self%unknowns%n_moving) + model%comm%sum(self%unknowns%n_p)
     is_direct = n_unknown <= direct_limit(ndim)
     if (model%scene%solver%linear /= 'auto') is_direct = model%scene%solver%linear == 'direct'
     is_direct = is_direct .or. self%insists_on_direct

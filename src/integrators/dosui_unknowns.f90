@@ -15,6 +15,7 @@ module dosui_unknowns
 
   type, public :: unknowns_t
     integer :: n_u = 0, n_p = 0             !! rows of this rank
+    integer :: n_moving = 0                 !! of n_u: unknowns, not empty, held or following
     integer, allocatable :: own_row(:, :)   !! (ndim, n_node) row of a component, from 0
     integer, allocatable :: row(:, :)       !! likewise: the unknown it follows, -1: none
     real(wp), allocatable :: sign(:, :)     !! likewise: component = sign*unknown [-]
@@ -66,6 +67,7 @@ contains
       self%particle_row = nint(number)
     end if
     self%n_u = 0
+    self%n_moving = 0
     if (model%rigid) return
     call self%number_nodes(model)
     self%is_held = is_empty
@@ -74,6 +76,7 @@ contains
     call self%number_plates(model)
     self%extends = model%extension%is_on
     if (self%extends) call self%follow(model)
+    self%n_moving = count(self%row(:, self%own_node) == self%own_row(:, self%own_node))
   end subroutine unknowns_build
 
   subroutine follow(self, model)

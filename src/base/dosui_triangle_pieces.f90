@@ -29,7 +29,7 @@ module dosui_triangle_pieces
 
 contains
 
-  subroutine divide_face(body, face, spacing, position, normal, area)
+  subroutine divide_face(body, face, spacing, position, normal, area, edge)
     !! Places on the surface, mean normals and areas of a face's pieces.
     type(triangles_t), intent(in) :: body
     integer, intent(in) :: face
@@ -37,10 +37,12 @@ contains
     real(wp), allocatable, intent(out) :: position(:, :)     !! (3, n) [m]
     real(wp), allocatable, intent(out) :: normal(:, :)       !! (3, n) outward [-]
     real(wp), allocatable, intent(out) :: area(:)            !! (n) [m2]
+    real(wp), allocatable, intent(out), optional :: edge(:, :)
+    !! (3, 2) that span every piece about its place, where a lattice fills the face [m]
     integer, allocatable :: members(:)
     real(wp), allocatable :: centre(:, :), direction(:, :)
     type(crumbs_t) :: crumbs
-    real(wp) :: mean(3)
+    real(wp) :: mean(3), cell_edge(3, 2)
     logical :: fits
     integer :: t
 
@@ -49,9 +51,10 @@ contains
     fits = norm2(mean) >= (1.0_wp - plane_tolerance**2)*sum(body%area(members))
     if (fits) then
       mean = mean/norm2(mean)
-      call divide_by_lattice(body, members, mean, spacing, position, area, fits)
+      call divide_by_lattice(body, members, mean, spacing, position, area, cell_edge, fits)
       if (fits) then
         normal = spread(mean, 2, size(area))
+        if (present(edge)) edge = cell_edge
         return
       end if
     end if
@@ -67,7 +70,7 @@ contains
 
   ! ---------------------------------------------------------------- planar faces
 
-  subroutine divide_by_lattice(body, members, normal, spacing, position, area, fits)
+  subroutine divide_by_lattice(body, members, normal, spacing, position, area, edge, fits)
     !! Cuts a planar face by a lattice along its longest side. `fits` if no cell is cut; if not, the
     !! cells at least half full are given.
     type(triangles_t), intent(in) :: body
@@ -75,6 +78,7 @@ contains
     real(wp), intent(in) :: normal(3), spacing
     real(wp), allocatable, intent(out) :: position(:, :)     !! [m]
     real(wp), allocatable, intent(out) :: area(:)            !! [m2]
+    real(wp), intent(out) :: edge(3, 2)                      !! of a cell [m]
     logical, intent(out) :: fits
     real(wp) :: along(3), axes(3, 2), origin(3), low(2), high(2), step(2), x(3, 3), flat(2, 3)
     real(wp), allocatable :: sums(:, :)   ! area and its moments of each cell
@@ -105,6 +109,7 @@ contains
     end do
     n = max(1, nint((high - low)/spacing))
     step = (high - low)/real(n, wp)
+    edge = axes*spread(step, 1, 3)
     allocate (sums(3, product(n)), source=0.0_wp)
     do m = 1, size(members)
       flat = matmul(transpose(axes), body%points(members(m)) - spread(origin, 2, 3))

@@ -555,13 +555,18 @@ contains
   subroutine move_particles(model)
     !! Grid to particles, with or without an affine field.
     type(model_t), intent(inout) :: model
+    real(wp), allocatable :: share(:, :)
     real(wp) :: flip
     logical :: moves
 
     moves = model%updated .and. .not. model%relaxing
     flip = flip_share(model)
     if (allocated(model%node_filter_time)) then
-      model%node_share = exp(-model%clock%dt/model%node_filter_time)
+      share = spread(exp(-model%clock%dt/model%node_filter_time), 1, 1)
+      ! what nodes that follow lose of their momentum others have: only shares that follow, too,
+      ! keep the sum
+      call model%extension%expand(model%comm, model%grid, 1, share)
+      model%node_share = share(1, :)
     end if
     associate (field => model%particles%field, h => model%p, n => model%particles%count)
       if (h%affine > 0) then   ! an absent node_share is no share

@@ -31,7 +31,7 @@ contains
     type(region_t), intent(in) :: region
     real(wp), intent(in) :: spacing   !! wanted length of a piece [m]
     type(face_t), allocatable, intent(out) :: faces(:)
-    real(wp), allocatable :: position(:, :), normal(:, :), area(:), held(:, :)
+    real(wp), allocatable :: position(:, :), normal(:, :), area(:), held(:, :), edge(:, :)
     integer :: f
 
     if (region%shape /= 'stl') then
@@ -42,7 +42,8 @@ contains
     do f = 1, size(faces)
       faces(f)%name = 'face'//to_text(f)
       faces(f)%solid = region%solid(region%body%solid(findloc(region%body%face, f, dim=1)))
-      call divide_face(region%body, f, spacing, position, normal, area)
+      call divide_face(region%body, f, spacing, position, normal, area, edge)
+      if (allocated(edge)) faces(f)%piece_edge = edge(axis, :)
       faces(f)%piece_position = position(axis, :)
       faces(f)%piece_normal = normal(axis, :)
       faces(f)%piece_area = area
@@ -195,6 +196,8 @@ contains
       position = face%piece_position(:, number)
       normal = face%piece_normal(:, number)
       area = face%piece_area(number)
+      if (.not. (present(edge) .and. allocated(face%piece_edge))) return
+      edge = face%piece_edge(:, :size(edge, 2))
       return
     end if
     call piece_parameters(face, spacing, number, first, last, area)

@@ -35,6 +35,7 @@ module dosui_shapes
     real(wp), allocatable :: piece_normal(:, :)     !! (ndim, n) outward [-]
     real(wp), allocatable :: piece_area(:)          !! (n) [m2]
     real(wp), allocatable :: piece_held(:, :)       !! (ndim, n) normals that walls hold [-]
+    real(wp), allocatable :: piece_edge(:, :)       !! (ndim, 2) that span all pieces, if known [m]
   end type face_t
 
 contains

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import os
 import random
+import re
 import sys
 import tempfile
 from dataclasses import dataclass
@@ -60,6 +61,7 @@ def trial(seed: int, transfer: str = "") -> Trial:
     text = case.text.replace("shape_function='linear'", f"shape_function='{shape}'")
     text = text.replace("integrator='quasi_static'", "integrator='explicit'")
     text = text.replace("deformation='finite'", "")
+    text = re.sub("&mechanics [^/]*/", "", text)
     text = text.replace("hydraulic_conductivity=1e-12", "hydraulic_conductivity=1e-16")
     if free:
         lines = [line for line in text.splitlines() if not line.startswith("&mechanical")]

@@ -159,7 +159,7 @@ def test_moving_bodies(dosui: Runner) -> None:
 def test_bodies_that_fly_away(dosui: Runner) -> None:
     """Before the numbers of cells end, a run stops and says who went where; or goes on without."""
     text = falling((0, 0), time="", region="").replace("velocity = 0.5, -2", "velocity = 4e8, 1")
-    run = dosui(text.replace("end_time = 0.05", "end_time = 0.05 courant = 1"), timeout=100)
+    run = dosui(text.replace("end_time = 0.05", "end_time = 0.05 courant = 0.65"), timeout=100)
     assert run.status == 1, run.stdout + run.stderr
     assert "beyond the grid's reach" in run.stderr
     assert "domain_max" in run.stderr

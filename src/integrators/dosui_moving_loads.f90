@@ -91,10 +91,12 @@ contains
         call model%average%cell_means(model%comm, model%grid, 1, mean)
         do p = 1, n
           own(p) = mean(model%cell(p))
-          if (model%centred) own(p) = 0.0_wp
+          if (.not. model%centred) cycle
+          if (.not. model%quadrature%is_ragged(model%cell(p))) own(p) = 0.0_wp
         end do
       end if
       if (model%centred) then
+        where (model%quadrature%is_ragged) mean = 0.0_wp
         allocate (stress(nsig, model%grid%n_cell), source=0.0_wp)
         do a = 1, ndim
           stress(voigt_slot(a, a), :) = mean

@@ -81,7 +81,7 @@ contains
     !! Particles to grid: mean stresses through the cells' gradients, deviations at particles.
     type(model_t), intent(inout) :: model
     real(wp), intent(in) :: gravity(ndim)   !! [m/s2]
-    real(wp), allocatable :: stress(:, :), pressure(:)
+    real(wp), allocatable :: stress(:, :), pressure(:), bearing(:)
     integer :: a
 
     allocate (stress(nsig, model%grid%n_cell), pressure(model%grid%n_cell))
@@ -92,7 +92,12 @@ contains
       call model%average%cell_means(model%comm, model%grid, nsig, stress)
     end associate
     if (model%coupled) call mean_cell_pressures(model, pressure)
-    call spread_particles(model, gravity, cell_stress=stress)
+    if (model%quadrature%has_ragged) then
+      call take_ragged(model, pressure, stress, bearing)
+      call spread_particles(model, gravity, cell_stress=stress, pore_pressure=bearing)
+    else
+      call spread_particles(model, gravity, cell_stress=stress)
+    end if
     do a = 1, ndim
       stress(voigt_slot(a, a), :) = stress(voigt_slot(a, a), :) - pressure
     end do
@@ -113,6 +118,29 @@ contains
                                       model%nodal(2 + ndim:, :))
     end associate
   end subroutine spread_centred
+
+  subroutine take_ragged(model, pressure, stress, bearing)
+    !! Mean stresses of ragged cells go to their particles, as in `spread_averaged`.
+    type(model_t), intent(in) :: model
+    real(wp), intent(inout) :: pressure(:)    !! of the cells; of ragged ones 0 on return [Pa]
+    real(wp), intent(inout) :: stress(:, :)   !! (nsig, n_cell) likewise [Pa]
+    real(wp), allocatable, intent(out) :: bearing(:)   !! of particles, compression positive [Pa]
+    real(wp), allocatable :: mean(:)
+    integer :: a, p
+
+    mean = pressure
+    do a = 1, ndim
+      mean = mean - stress(voigt_slot(a, a), :)*(1.0_wp/ndim)
+    end do
+    allocate (bearing(model%particles%count), source=0.0_wp)
+    do p = 1, size(bearing)
+      if (model%quadrature%is_ragged(model%cell(p))) bearing(p) = mean(model%cell(p))
+    end do
+    where (model%quadrature%is_ragged) pressure = 0.0_wp
+    do a = 1, nsig
+      where (model%quadrature%is_ragged) stress(a, :) = 0.0_wp
+    end do
+  end subroutine take_ragged
 
   subroutine spread_averaged(model, gravity)
     !! Particles to grid: mean normal stress and pressure of the cells, at the particles (B-bar).
@@ -622,7 +650,7 @@ contains
     real(wp), allocatable, intent(out) :: volume_strain(:)   !! (n_cell) [-]
     real(wp), allocatable, intent(out) :: shift(:, :)        !! (nsig, n_cell) [-]
     real(wp), allocatable :: mean(:, :)
-    integer :: a
+    integer :: a, c
 
     allocate (volume_strain(model%grid%n_cell), source=0.0_wp)
     allocate (shift(nsig, model%grid%n_cell), mean(nsig, model%grid%n_cell))
@@ -635,6 +663,15 @@ contains
                           model%strain_increment, model%grid%n_cell, mean)
     call model%average%cell_means(model%comm, model%grid, nsig, mean)
     shift = shift - mean
+    if (.not. model%quadrature%has_ragged) return
+    do c = 1, model%grid%n_cell
+      if (.not. model%quadrature%is_ragged(c)) cycle
+      shift(:, c) = 0.0_wp
+      volume_strain(c) = 0.0_wp
+      do a = 1, ndim
+        volume_strain(c) = volume_strain(c) + mean(voigt_slot(a, a), c)
+      end do
+    end do
   end subroutine find_cell_strains
 
   subroutine lift_walls(model, strain)

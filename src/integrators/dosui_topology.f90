@@ -538,8 +538,9 @@ contains
   end subroutine hold_nodes_of_parts
 
   subroutine build_extension(model, n, patch, cell, handle)
-    !! Nodes that the body hardly touches follow others. Volumes are those that the particles'
-    !! masses stand for, so that nothing depends on when a restart comes. Collective.
+    !! Nodes that the body hardly touches follow others, unless particles move through the grid:
+    !! what nodes project away there in every step makes run-outs depend on the number of steps.
+    !! Collective.
     type(model_t), intent(inout) :: model
     integer, intent(in) :: n, patch(n), cell(n)   !! of the particles where the geometry is built
     integer, intent(in) :: handle                 !! their positions
@@ -547,6 +548,7 @@ contains
     logical, allocatable :: wanted(:)
     integer :: c, p
 
+    if (model%updated) return
     allocate (amount(n), none(n), cells(2, model%grid%n_cell), nodal(1 + 2*ndim, model%grid%n_node))
     none = 0.0_wp
     cells = 0.0_wp
@@ -554,12 +556,8 @@ contains
       do p = 1, n
         if (model%finite) then   ! masses change with the water
           amount(p) = field(h%reference_volume)%values(1, p)
-        else if (.not. model%updated) then
-          amount(p) = field(h%volume)%values(1, p)
         else
-          amount(p) = field(h%mass)%values(1, p)/ &
-                      (model%scene%mixture_density(model%material(p))* &
-                       model%scene%mechanics%density_scaling)
+          amount(p) = field(h%volume)%values(1, p)
         end if
         amount(p) = amount(p)/model%grid%spacing**ndim
         cells(:, cell(p)) = cells(:, cell(p)) + [1.0_wp, amount(p)]
@@ -624,7 +622,8 @@ contains
     end do
     call model%quadrature%init_from_particles(model%comm, model%grid, n, cell, &
                                               model%particles%field(handle)%values(:, 1:n), &
-                                              model%surface%count, model%surface_cell, cuts)
+                                              model%surface%count, model%surface_cell, cuts, &
+                                              finds_ragged=model%integrator == 'explicit')
   end subroutine build_quadrature
 
   subroutine find_least_inertia(model)

@@ -30,6 +30,7 @@ module dosui_cell_quadrature
   use dosui_grid, only: grid_t
   use dosui_keys, only: pack_key
   use dosui_scene, only: region_t
+  use dosui_shape_functions, only: corner_hats
   use dosui_sort, only: binary_search
   implicit none
   private
@@ -43,6 +44,11 @@ module dosui_cell_quadrature
   ! odd numbers, so that round-off does not decide about halves
   real(wp), parameter :: fitted_tolerance = 1.0e-9_wp   !! [-]
   real(wp), parameter :: least_filling = 0.5_wp   !! of a cell that no surface cuts, to be full [-]
+  ! A corner with less than this share s of what even filling would give it makes its cell ragged:
+  ! a cell's mean strain is stable up to dt = h/c sqrt(s/ndim), and steps take half of h/c. Odd
+  ! numbers, so that round-off does not decide about lattices.
+  real(wp), parameter :: least_share = merge(0.3943_wp, merge(0.5547_wp, 0.7771_wp, ndim == 2), &
+                                             ndim == 1)   !! [-]
 
   type, public :: cell_quadrature_t
     logical :: fitted = .true.                       !! every cell is full or empty
@@ -56,6 +62,8 @@ module dosui_cell_quadrature
     real(wp), allocatable :: share(:)     !! (n_cell) of a part in its host's strain [-]
     real(wp), allocatable :: measure(:)   !! (n_cell) W of hosts, with the parts that joined [m3]
     logical, allocatable :: is_cut(:)                !! (n_cell)
+    logical :: has_ragged = .false.                  !! on this rank
+    logical, allocatable :: is_ragged(:)   !! (n_cell) particles stand for it, not its centre
     real(wp), allocatable :: gradient(:, :, :)   !! (ndim, 2**ndim, n_cell) C, unless fitted [1/m]
   contains
     procedure :: init_from_shapes => cell_quadrature_init_from_shapes
@@ -92,6 +100,9 @@ contains
     share = number   ! of this rank
     call grid%cell_map%scatter_add(comm, 1, number)
     call grid%cell_map%gather(comm, 1, number)
+    self%has_ragged = .false.
+    if (allocated(self%is_ragged)) deallocate (self%is_ragged)
+    allocate (self%is_ragged(grid%n_cell), source=.false.)
     allocate (own(grid%n_cell))
     do c = 1, grid%n_cell
       own(c) = cell_filling(regions, grid%origin + grid%spacing*grid%cell_base(:, c), grid%spacing)
@@ -236,8 +247,8 @@ contains
   end function nearest
 
   subroutine cell_quadrature_init_from_particles(self, comm, grid, n, cell, position, n_point, &
-                                                 point_cell, cuts)
-    !! Finds the cut cells and the gradients of all cells. Collective.
+                                                 point_cell, cuts, finds_ragged)
+    !! Finds the cut and ragged cells and the gradients of all cells. Collective.
     class(cell_quadrature_t), intent(inout) :: self
     type(communicator_t), intent(in) :: comm
     type(grid_t), intent(inout) :: grid
@@ -247,6 +258,7 @@ contains
     integer, intent(in) :: n_point                   !! surface points
     integer, intent(in) :: point_cell(n_point)       !! 0: none
     logical, intent(in) :: cuts(n_point)             !! the surface runs through the cell
+    logical, intent(in) :: finds_ragged              !! explicit steps cannot bear light corners
     real(wp), allocatable :: sums(:, :)              ! number of particles, cut, positions
     integer :: p, c
 
@@ -262,6 +274,10 @@ contains
     call grid%cell_map%scatter_add(comm, 2 + ndim, sums)
     call grid%cell_map%gather(comm, 2 + ndim, sums)
     self%is_cut = sums(2, :) > 0.5_wp .and. sums(1, :) > 0.5_wp
+    if (allocated(self%is_ragged)) deallocate (self%is_ragged)
+    allocate (self%is_ragged(grid%n_cell), source=.false.)
+    if (finds_ragged) call find_ragged(comm, grid, n, cell, position, sums(1, :), self%is_ragged)
+    self%has_ragged = any(self%is_ragged)
     self%exact = .false.
     self%host = [(c, c=1, grid%n_cell)]
     self%group = self%host
@@ -283,6 +299,44 @@ contains
       end if
     end do
   end subroutine cell_quadrature_init_from_particles
+
+  subroutine find_ragged(comm, grid, n, cell, position, number, is_ragged)
+    !! Cells with a corner that particles hardly touch: the force of a whole cell would hurl it
+    !! away. Collective.
+    type(communicator_t), intent(in) :: comm
+    type(grid_t), intent(inout) :: grid
+    integer, intent(in) :: n
+    integer, intent(in) :: cell(n)                     !! of the particles
+    real(wp), intent(in) :: position(ndim, n)          !! [m]
+    real(wp), intent(in) :: number(grid%n_cell)        !! of particles
+    logical, intent(out) :: is_ragged(grid%n_cell)
+    real(wp), allocatable :: filling(:, :)   ! (2, n_node) share of particles, and if they were even
+    real(wp) :: local(ndim)
+    integer :: p, c, k, node
+
+    allocate (filling(2, grid%n_node), source=0.0_wp)
+    do p = 1, n
+      if (cell(p) == 0) cycle
+      local = (position(:, p) - grid%origin)/grid%spacing - grid%cell_base(:, cell(p))
+      associate (node => grid%cell_node(:, cell(p)))
+        filling(1, node) = filling(1, node) + corner_hats(local)
+      end associate
+    end do
+    do c = 1, grid%n_cell
+      if (.not. grid%cell_map%is_owned(c)) cycle
+      do k = 1, 2**ndim
+        node = grid%cell_node(k, c)
+        filling(2, node) = filling(2, node) + number(c)/2**ndim
+      end do
+    end do
+    call grid%node_map%scatter_add(comm, 2, filling)
+    call grid%node_map%gather(comm, 2, filling)
+    do c = 1, grid%n_cell
+      is_ragged(c) = number(c) < 0.5_wp .or. &   ! particles may enter before the next build
+                     any(filling(1, grid%cell_node(:, c)) < &
+                         least_share*filling(2, grid%cell_node(:, c)))
+    end do
+  end subroutine find_ragged
 
   pure subroutine hat_gradients(centroid, covariance, spacing, gradient)
     !! Mean gradients of the corner hats over a part of a cell, x fastest [1/m].
@@ -340,7 +394,7 @@ contains
     do c = 1, grid%n_cell
       if (self%exact) exit
       self%measure(c) = sums(c)
-      if (self%is_cut(c)) cycle
+      if (self%is_cut(c) .or. self%is_ragged(c)) cycle
       if (sums(c) > least_filling*full) self%measure(c) = full
     end do
     do p = 1, n

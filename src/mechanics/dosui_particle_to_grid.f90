@@ -28,7 +28,8 @@ contains
     !! * cell and cell_mean_stress s: the mean normal stress over the scene's directions becomes
     !!   that of the particle's cell. With s = P(mean sigma' - u) this is the adjoint of the
     !!   averaged volume change (B-bar);
-    !! * cell and cell_stress s: sigma = dev(sigma' - s), where `cell_quadrature_t` does the rest.
+    !! * cell and cell_stress s: sigma = dev(sigma' - s), where `cell_quadrature_t` does the rest;
+    !!   with pore_pressure u also - u I, where it does not.
     type(grid_t), intent(in) :: grid
     integer, intent(in) :: n
     integer, intent(in) :: patch(n)                       !! all in the grid
@@ -57,6 +58,9 @@ contains
       call internal_loads(m, volume(first:last), stress(:, first:last), load)
       if (present(cell_stress)) then
         call keep_deviation(m, volume(first:last), cell(first:last), grid%n_cell, cell_stress, load)
+        if (present(pore_pressure)) then
+          call add_pressure(m, volume(first:last), pore_pressure(first:last), load)
+        end if
       else if (present(cell_mean_stress)) then
         call replace_mean(m, volume(first:last), cell(first:last), grid%n_cell, cell_mean_stress, &
                           load)

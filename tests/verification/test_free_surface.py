@@ -107,7 +107,7 @@ def test_moving_disc(dosui: Runner) -> None:
         decay = np.exp(-(roots**2) * time * 1.0e-6 / (1.0e-6 + 1.0e-9))
         exact = 1000.0 * special.j0(np.outer(r, roots)) @ (weights * decay)
         error = np.linalg.norm(fields["pore_pressure"] - exact) / np.linalg.norm(exact)
-        assert error <= 0.0055
+        assert error <= 0.005
     area = run.history("disc", "area_air")
     assert np.abs(area / (2 * np.pi) - 1).max() <= 1e-5
 
@@ -179,7 +179,7 @@ def test_parting_blocks(dosui: Runner) -> None:
         series = 4.0 / modes * np.exp(-(modes**2) * diffusivity * time)
         exact = 1000.0 * np.sin(np.outer((column[middle] + 0.5) / 20, modes)) @ series
         pressure = fields["pore_pressure"][block][middle]
-        assert np.linalg.norm(pressure - exact) <= 0.065 * np.linalg.norm(exact)
+        assert np.linalg.norm(pressure - exact) <= 0.06 * np.linalg.norm(exact)
     assert run.history("parting", "water_balance_error")[-1] <= 0.03
 
 
@@ -314,7 +314,7 @@ def test_saturated_collapse(dosui: Runner) -> None:
         assert np.abs(run.fields(name)["velocity"]).max() <= 0.1
         for step in range(len(run.times(name))):
             fields = run.fields(name, step)
-            assert fields["volume"].min() >= 0.95e-4 and fields["volume"].max() <= 1.4e-4
+            assert fields["volume"].min() >= 0.95e-4 and fields["volume"].max() <= 1.25e-4
             pressure = np.abs(fields["pore_pressure"])
             assert np.quantile(pressure, 0.99) <= 9810.0 * 0.2
             assert pressure.max() <= 2 * 9810.0 * 0.2  # the tip falls on the floor

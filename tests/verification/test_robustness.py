@@ -125,7 +125,8 @@ def test_crushed_particle_is_named(dosui: Runner, ranks: int) -> None:
     text = """
 &scene dimension = 2 water = 'none' deformation = 'updated' /
 &grid spacing = 0.1 /
-&time end_time = 1.0 output_interval = 0.01 courant = 0.65 /
+&time end_time = 1.0 output_interval = 0.01 /
+&mechanics transfer = 'apic' /
 &material name = 'soil' young_modulus = 1.0e4 poisson_ratio = 0.2 porosity = 0.3 /
 &region name = 'block' material = 'soil' box_min = 0.0, 0.0 box_max = 1.0, 1.0
   velocity = 0.0, -60.0 /

@@ -67,7 +67,6 @@ module dosui_implicit_system
     procedure :: stored => implicit_stored
     procedure :: stored_by_projection => implicit_stored_by_projection
     procedure :: turn_safe => implicit_turn_safe
-    procedure :: add_resistance => implicit_add_resistance
     procedure :: set_step => implicit_set_step
     procedure :: volume_change => implicit_volume_change
     procedure :: pressure_forces => implicit_pressure_forces
@@ -1100,17 +1099,6 @@ contains
              sum(self%system%n_all) <= last_resort*direct_limit(ndim)
     self%insists_on_direct = turned
   end subroutine implicit_turn_safe
-
-  subroutine implicit_add_resistance(self, model, motion, force)
-    !! Adds the forces by which weak modes resist a motion, the derivative of what the system has
-    !! for them. Collective.
-    class(implicit_system_t), intent(in) :: self
-    type(model_t), intent(inout) :: model
-    real(wp), intent(in) :: motion(:, :)       !! (ndim, n_node) [m]
-    real(wp), intent(inout) :: force(:, :)     !! (ndim, n_node), complete [N]
-
-    call add_hourglass_forces(model, motion, force)
-  end subroutine implicit_add_resistance
 
   subroutine implicit_stored(self, model, flow_weight, pressure, stored, err)
     !! S V p - a V L p: what increments of pressure store and let out. Collective.

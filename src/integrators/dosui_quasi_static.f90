@@ -14,7 +14,7 @@ module dosui_quasi_static
   use dosui_error, only: error_t
   use dosui_finite_state, only: finite_start_t, refresh_finite
   use dosui_force_balance, only: close_rest
-  use dosui_implicit_system, only: elastic_tangent, implicit_system_t
+  use dosui_implicit_system, only: add_hourglass_forces, elastic_tangent, implicit_system_t
   use dosui_model, only: model_t
   use dosui_pore_water, only: compressibility_at, content_change, mean_saturation, &
                               saturation_at, wet_masses
@@ -991,7 +991,7 @@ contains
       end if
       field%values = velocity
     end associate
-    call self%system%add_resistance(model, motion, force)
+    call add_hourglass_forces(model, motion, force)
     call self%system%unknowns%fold(model, force)
   end subroutine force_residual
 

@@ -115,7 +115,7 @@ contains
     self%host = [(c, c=1, grid%n_cell)]
     do c = 1, grid%n_cell
       if (own(c)%volume > 0.0_wp .and. .not. number(c) > 0.5_wp) then
-        self%host(c) = nearest(grid, c, offset, number > 0.5_wp, own%volume)
+        self%host(c) = nearest_of(grid, c, offset, number > 0.5_wp, own%volume)
       end if
     end do
     self%measure = 0.0_wp*self%part
@@ -177,7 +177,7 @@ contains
     first = [(c, c=1, grid%n_cell)]
     do c = 1, grid%n_cell
       if (self%measure(c) > 0.0_wp .and. .not. leads(c)) then
-        first(c) = nearest(grid, c, offset, leads, self%measure/grid%spacing**ndim)
+        first(c) = nearest_of(grid, c, offset, leads, self%measure/grid%spacing**ndim)
       end if
     end do
     self%group = first(self%host)
@@ -218,7 +218,7 @@ contains
     end do
   end function near_cells
 
-  pure integer function nearest(grid, cell, offset, is_candidate, filling) result(best)
+  pure integer function nearest_of(grid, cell, offset, is_candidate, filling) result(best)
     !! The nearest candidate around a cell; of several the fullest, then the one with the smallest
     !! key: the same on every rank. The cell itself if there is none.
     type(grid_t), intent(in) :: grid
@@ -244,7 +244,7 @@ contains
       end if
       square = sum(offset(:, k)**2)
     end do
-  end function nearest
+  end function nearest_of
 
   subroutine cell_quadrature_init_from_particles(self, comm, grid, n, cell, position, n_point, &
                                                  point_cell, cuts, finds_ragged)

@@ -27,7 +27,8 @@ def test_random_boxes(seed: int) -> None:
 
 @pytest.mark.parametrize("transfer", ["apic", "flip"])
 def test_flying_box(transfer: str) -> None:
-    """Momentum but for what light nodes lose; angular momentum of APIC within a per cent; energy falls."""
+    """Momentum but for what light nodes lose; angular momentum of APIC within a per cent; energy
+    falls."""
     found = fly(box(1, transfer, "gimp", steps=300), PROGRAM)
     assert found["momentum"] <= 1e-6
     assert found["angular"] <= (0.01 if transfer == "apic" else 0.3)

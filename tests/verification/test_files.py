@@ -402,6 +402,11 @@ def test_restart_from_what_is_no_checkpoint(dosui: Runner, tmp_path: Path) -> No
 # ---------------------------------------------------------------- two runs, signals
 
 
+def hear_hangups() -> None:
+    """Also where the tests themselves run under nohup."""
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
+
 def start(folder: Path, *launcher: str) -> subprocess.Popen:
     """A long run whose first step is in its file."""
     (folder / "scene.nml").write_text(LONG)
@@ -410,6 +415,7 @@ def start(folder: Path, *launcher: str) -> subprocess.Popen:
         cwd=folder,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
+        preexec_fn=hear_hangups,
     )
     deadline = time.monotonic() + 60
     while not (folder / "col.vtkhdf").exists():

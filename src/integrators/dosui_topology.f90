@@ -36,7 +36,6 @@ module dosui_topology
   real(wp), parameter :: inward = 1.0e-3_wp          !! surface points lie in the cell inside [h]
   real(wp), parameter :: imbalance_limit = 1.2_wp    !! repartition above this
   real(wp), parameter :: stiffest_walls = 1.0e3_wp   !! penalty walls over the drained modulus [-]
-  real(wp), parameter :: least_filling = 0.5_wp      !! of an uncut cell, to be full [-]
   real(wp), parameter :: least_stretch = 0.2_wp      !! of GIMP domains that follow [-]
   real(wp), parameter :: largest_stretch = 1.5_wp    !! likewise [-]
   integer(i8), parameter :: bricks_per_rank = 64_i8  !! aimed at
@@ -571,14 +570,8 @@ contains
     call model%grid%cell_map%scatter_add(model%comm, 2, cells)
     call model%grid%cell_map%gather(model%comm, 2, cells)
     filling = cells(2, :)
-    if (model%centred) then
-      if (model%quadrature%exact) then
-        filling = model%quadrature%part/model%grid%spacing**ndim
-      else
-        where (filling > least_filling .and. .not. model%quadrature%is_cut) filling = 1.0_wp
-      end if
-    end if
-    allocate (wanted(model%grid%n_node), source=model%updated)
+    if (model%centred) filling = model%quadrature%part/model%grid%spacing**ndim
+    allocate (wanted(model%grid%n_node), source=.false.)
     do p = 1, n
       wanted(model%grid%patch_node(:, patch(p))) = .true.
     end do
@@ -586,7 +579,7 @@ contains
       if (filling(c) > 0.0_wp) wanted(model%grid%cell_node(:, c)) = .true.
     end do
     call model%extension%init(model%comm, model%grid, filling, cells(1, :) > 0.5_wp, nodal(1, :), &
-                              wanted, model%updated)
+                              wanted, .false.)
   end subroutine build_extension
 
   pure real(wp) function wall_modulus(model) result(modulus)

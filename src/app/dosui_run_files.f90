@@ -68,7 +68,7 @@ contains
     if (.not. self%history_interval > 0.0_wp) then
       self%history_interval = model%scene%time%end_time/real(default_rows, wp)
       self%is_given = .false.
-      self%every_step = model%integrator /= 'explicit'
+      self%every_step = model%traits%solves_water
     end if
     self%stride = stride_at(model%clock%step)
     if (restarted) self%next_history = min(self%next_history, next_row(self, model%clock%time))
@@ -387,7 +387,7 @@ contains
     class(run_files_t), intent(inout) :: self
     type(model_t), intent(in) :: model
 
-    if (.not. allocated(self%record)) call write_record(model%scene, model%integrator, self%record)
+    if (.not. allocated(self%record)) call write_record(model%scene, model%traits%name, self%record)
   end subroutine take_record
 
   pure function balance_of_rank(model) result(values)

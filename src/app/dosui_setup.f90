@@ -10,6 +10,7 @@ module dosui_setup
   use dosui_error, only: error_t
   use dosui_initial_state, only: apply_initial_state
   use dosui_integrator_choice, only: choose_integrator
+  use dosui_integrator_traits, only: traits_of
   use dosui_model, only: model_t
   use dosui_particle_fields, only: field_needs_t, register_particle_fields, &
                                    register_surface_fields
@@ -72,14 +73,14 @@ contains
     model%nonlinear = model%unsaturated .or. &
                       (model%materials%is_nonlinear() .and. .not. model%rigid)
     call choose_integrator(scene, model%materials, model%spacing, model%choice)
-    model%integrator = model%choice%name
+    model%traits = traits_of(model%choice%name)
     model%inertia_drives = model%coupled .and. .not. model%rigid .and. &
                            scene%water%fluid_inertia .and. scene%water%operator == 'compact' .and. &
-                           model%integrator == 'explicit'
+                           model%traits%is_explicit()
     needs = field_needs_t(coupled=model%coupled, affine=affine, filtered=filtered, &
                           updated=model%updated, finite=model%finite, &
-                          adaptive=model%integrator == 'quasi_static', &
-                          projected=model%integrator == 'semi_implicit' .and. &
+                          adaptive=model%traits%solves_skeleton, &
+                          projected=model%traits%projects() .and. &
                           model%reactions%n > model%reactions%n_surface, &
                           switching=model%switching, unsaturated=model%unsaturated, &
                           finds_surface=model%finds_surface, n_state=model%materials%n_state(), &
@@ -243,10 +244,10 @@ contains
     call choose_damping(model)
     movement = model%movement   ! of a restart: its geometry is that of the last build
     call build_geometry(model, err)
-    if (model%integrator /= 'explicit' .and. .not. err%failed()) call join_parts(model, err)
+    if (model%traits%solves_water .and. .not. err%failed()) call join_parts(model, err)
     if (model%clock%step == 0 .and. .not. err%failed()) call set_filter_times(model)
     model%movement = movement
-    if (model%integrator /= 'explicit' .and. .not. err%failed()) call check_walls(model, err)
+    if (model%traits%solves_water .and. .not. err%failed()) call check_walls(model, err)
     call model%comm%agree(err)
   end subroutine finish_setup
 
@@ -372,7 +373,7 @@ contains
     do k = 1, model%scene%warnings%count()
       call model%log%warning(model%scene%warnings%text(k))
     end do
-    if (model%integrator == 'explicit' .and. model%choice%explicit_steps > many_steps) then
+    if (model%traits%is_explicit() .and. model%choice%explicit_steps > many_steps) then
       call model%log%warning('the run takes about '//to_text(model%choice%explicit_steps, 2)// &
                              ' explicit steps; '//model%choice%describe_others())
     end if
@@ -406,7 +407,7 @@ contains
 
     if (.not. model%updated .or. model%rigid) return
     steps = merge(model%choice%semi_implicit_steps, model%choice%explicit_steps, &
-                  model%integrator == 'semi_implicit')
+                  model%traits%projects())
     if (.not. steps > lossy_steps) return
     select case (model%scene%mechanics%transfer)
     case ('apic', 'pic', 'blend')

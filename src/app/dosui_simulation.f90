@@ -4,34 +4,27 @@ module dosui_simulation
   use dosui_dimension, only: ndim
   use dosui_balance_search, only: balance_search_t
   use dosui_communicator, only: communicator_t
-  use dosui_equilibrium, only: find_equilibrium, find_geostatic_equilibrium, load_scale_t, &
-                               mean_stress_size
   use dosui_error, only: error_t
-  use dosui_explicit, only: choose_explicit_step, explicit_step
   use dosui_formula_trials, only: try_formulas
+  use dosui_integrator, only: integrator_t
+  use dosui_integrators, only: create_integrator
   use dosui_model, only: model_t
-  use dosui_point_set, only: point_set_t
   use dosui_probes, only: check_probes
   use dosui_problems, only: problems_t
   use dosui_reactions, only: n_total, of_damping, of_inertia, of_light_nodes, of_loads, &
                              of_shaking, of_sources, of_weight
   use dosui_result_fields, only: result_fields
-  use dosui_quasi_static, only: quasi_static_t
   use dosui_run_files, only: run_files_t
   use dosui_safety, only: find_safety_factor
   use dosui_scene, only: scene_t
   use dosui_scene_checks, only: check_choice
-  use dosui_semi_implicit, only: choose_semi_implicit_step, semi_implicit_t
   use dosui_size_report, only: report_sizes
   use dosui_setup, only: describe_model, finish_setup, seed_model, setup_model
-  use dosui_skeleton_step, only: start_forces
   use dosui_signals, only: signal_received, signals_watch
-  use dosui_state_check, only: check_state, describe_particle, is_sound
-  use dosui_step_watch, only: step_watch_t
+  use dosui_starts, only: geostatic_start
+  use dosui_state_check, only: check_state, is_sound
   use dosui_text, only: to_text
-  use dosui_topology, only: build_geometry, distribute, needs_rebuild, refresh_storage, &
-                            refresh_weights
-  use dosui_transfer_filter, only: set_filter_times
+  use dosui_topology, only: distribute
   use dosui_water_balance, only: balance_error, balance_noise, balance_sums
   implicit none
   private
@@ -41,13 +34,7 @@ module dosui_simulation
   integer, parameter, public :: status_finished = 0, status_failed = 1, status_bad_input = 2, &
                                 status_stopped = 3   !! exit statuses
   integer, parameter, public :: to_run = 1, to_check = 2, to_find_safety = 3   !! purposes
-  integer(i8), parameter :: explicit_check_interval = 64_i8   !! steps between looks at signals, NaN
-  integer, parameter :: equilibrium_passes = 20       !! of updated scenes
   real(wp), parameter :: noteworthy = 0.01_wp, untrusted = 0.1_wp   !! balance errors [-]
-  real(wp), parameter :: most_steps = 9.0e18_wp       !! that 64 bits count
-  real(wp), parameter :: beyond = 0.01_wp             !! the domain: a wall there may give way [h]
-  real(wp), parameter :: settled = 1.0e-12_wp         !! of the first displacements [-]
-  real(wp), parameter :: pass_reduction = 1.0e-12_wp  !! residual over the loads [-]
 
 contains
 
@@ -60,6 +47,7 @@ contains
     integer, intent(in) :: purpose
     integer, intent(out) :: status
     type(model_t) :: model
+    class(integrator_t), allocatable :: integrator
     type(run_files_t) :: files
     type(balance_search_t) :: search
     type(error_t) :: err
@@ -69,8 +57,9 @@ contains
     problems = ''
     call setup_model(model, comm, scene)
     status = status_bad_input
-    call check_choice(scene, model%integrator, model%choice%reason, refused)
+    call check_choice(scene, trim(model%traits%name), model%choice%reason, refused)
     if (say_refused(model, refused)) return
+    call create_integrator(trim(model%traits%name), integrator, err)
     call check_probes(scene%probe, result_fields(model), problems)
     if (len(restart) > 0) then
       call restore(model, files, restart, err)
@@ -86,7 +75,7 @@ contains
     call report_sizes(model, purpose == to_check)
     status = status_finished
     if (purpose == to_check) then
-      call say_step(model)
+      call integrator%announce(model)
       call model%log%info('the scene is valid; nothing was computed')
       return
     end if
@@ -99,7 +88,7 @@ contains
     status = status_failed
     if (report(model, problems, err)) return
     call signals_watch()
-    call advance(model, files, search, len(restart) == 0, status, err)
+    call advance(model, integrator, files, search, len(restart) == 0, status, err)
     if (report(model, problems, err)) return
     call summarise(model, search, status)
   end subroutine run_scene
@@ -112,22 +101,6 @@ contains
     is_refused = refused%count() > 0
     if (is_refused .and. model%comm%is_root()) call refused%report()
   end function say_refused
-
-  subroutine say_step(model)
-    !! The first time step, and what limits it.
-    type(model_t), intent(inout) :: model
-
-    if (model%integrator == 'quasi_static') return   ! it is chosen by its error
-    if (model%integrator == 'semi_implicit') then
-      call choose_semi_implicit_step(model)
-    else
-      call choose_explicit_step(model)
-    end if
-    call model%log%info('time step    '//to_text(model%clock%dt)//' s, limited by '// &
-                        trim(model%clock%limit%name)//'; about '// &
-                        to_text(nint(min(model%scene%time%end_time/model%clock%limit%dt, &
-                                         most_steps), i8))//' steps')
-  end subroutine say_step
 
   logical function report(model, problems, err) result(failed)
     !! Tells the user about problems of the scene or an error.
@@ -159,39 +132,29 @@ contains
     call model%log%info('restart      from '//path//' at t = '//to_text(model%clock%time)//' s')
   end subroutine restore
 
-  subroutine advance(model, files, search, from_start, status, err)
+  subroutine advance(model, integrator, files, search, from_start, status, err)
     !! The time loop.
     type(model_t), intent(inout) :: model
+    class(integrator_t), intent(inout) :: integrator
     type(run_files_t), intent(inout) :: files
     type(balance_search_t), intent(inout) :: search
     logical, intent(in) :: from_start
     integer, intent(out) :: status
     type(error_t), intent(inout) :: err
     real(wp) :: started, last_line, last_checkpoint
-    integer(i8) :: first_step, check_interval
-    type(quasi_static_t) :: quasi_static
-    type(semi_implicit_t) :: semi_implicit
-    type(step_watch_t) :: watch
+    integer(i8) :: first_step
     type(error_t) :: write_error
 
     status = status_failed
-    check_interval = merge(explicit_check_interval, 1_i8, model%integrator == 'explicit')
     if (from_start .and. model%scene%time%geostatic_start .and. .not. model%rigid) then
       call geostatic_start(model, err)
       if (err%failed()) return
     end if
-    if (model%integrator == 'quasi_static') call quasi_static%init(model, err)
+    call integrator%init(model, err)
     if (err%failed()) return
     if (from_start) then
-      if (model%integrator == 'quasi_static') then
-        call quasi_static%settle(model, err)
-      else if (model%scene%time%undrained_start .and. .not. model%rigid) then
-        call undrained_start(model, err)
-      end if
-      if (.not. err%failed()) call check_state(model, err)
+      call integrator%start(model, err)
       if (err%failed()) return
-      call set_filter_times(model)   ! of the stresses that starts have found
-      if (model%integrator /= 'quasi_static' .and. .not. model%rigid) call start_forces(model)
       call files%sample(model)
       call write_output(model, files, err)
       if (err%failed()) return
@@ -202,12 +165,8 @@ contains
     first_step = model%clock%step
     do while (.not. (model%clock%finished() .or. &
                      model%clock%step >= model%scene%time%maximum_steps))
-      if (model%integrator == 'quasi_static') then
-        call quasi_static%step(model, err)
-      else
-        call step(model, semi_implicit, watch, err)
-      end if
-      if (is_due(model, check_interval)) call check_state(model, err)
+      call integrator%step(model, err)
+      if (is_due(model, integrator%look_interval)) call check_state(model, err)
       if (err%failed()) then
         call model%comm%agree(err)
         call write_last_state(model, files, write_error)
@@ -224,7 +183,7 @@ contains
         if (err%failed()) return
       end if
       if (model%clock%step >= model%scene%time%maximum_steps) exit
-      if (mod(model%clock%step, check_interval) == 0_i8) then
+      if (mod(model%clock%step, integrator%look_interval) == 0_i8) then
         call progress(model, started, first_step, last_line)
         if (model%comm%any(signal_received())) then
           call files%write_checkpoint(model, err)
@@ -237,7 +196,7 @@ contains
           return
         end if
       end if
-      call checkpoint_if_due(model, files, check_interval, last_checkpoint, err)
+      call checkpoint_if_due(model, files, integrator%look_interval, last_checkpoint, err)
       if (err%failed()) return
     end do
     call describe_solutions()
@@ -253,140 +212,25 @@ contains
   contains
 
     subroutine describe_solutions()
-      !! Linear solutions of an implicit integrator.
-      if (model%integrator == 'quasi_static') call model%log%info(quasi_static%describe())
-      if (model%integrator == 'semi_implicit') call model%log%info(semi_implicit%describe())
+      !! What the integrator has to say of its steps.
+      character(len=:), allocatable :: text
+
+      text = integrator%describe()
+      if (len(text) > 0) call model%log%info(text)
     end subroutine describe_solutions
   end subroutine advance
 
-  pure logical function is_due(model, check_interval) result(due)
+  pure logical function is_due(model, look_interval) result(due)
     !! Is the state to be looked at after this step? Now and then, and before it is written.
     type(model_t), intent(in) :: model
-    integer(i8), intent(in) :: check_interval   !! steps
+    integer(i8), intent(in) :: look_interval   !! steps
 
     associate (step => model%clock%step, every => model%scene%output%checkpoint_steps)
-      due = mod(step, check_interval) == 0_i8 .or. model%clock%at_output() .or. &
+      due = mod(step, look_interval) == 0_i8 .or. model%clock%at_output() .or. &
             step >= model%scene%time%maximum_steps
       if (every > 0_i8) due = due .or. mod(step, every) == 0_i8
     end associate
   end function is_due
-
-  subroutine step(model, semi_implicit, watch, err)
-    !! One step with inertia: choose dt, advance, follow the particles.
-    type(model_t), intent(inout) :: model
-    type(semi_implicit_t), intent(inout) :: semi_implicit
-    type(step_watch_t), intent(inout) :: watch
-    type(error_t), intent(inout) :: err
-
-    if (model%integrator == 'semi_implicit') then
-      call choose_semi_implicit_step(model)
-      call watch%look(model, err)
-      if (.not. err%failed()) call semi_implicit%step(model, err)
-      if (err%failed()) return
-    else
-      call choose_explicit_step(model)
-      call watch%look(model, err)
-      if (err%failed()) return
-      call explicit_step(model, .true., err)
-    end if
-    call model%clock%advance()
-    if (model%updated) call keep_up(model, err)
-  end subroutine step
-
-  subroutine keep_up(model, err)
-    !! After a step of an updated scene: grid, owners and neighbourhoods follow the particles.
-    type(model_t), intent(inout) :: model
-    type(error_t), intent(inout) :: err
-
-    call say_inverted(model, err)
-    call model%comm%agree(err)   ! only in updated scenes can a single rank fail within a step
-    if (err%failed()) return
-    if (needs_rebuild(model)) then
-      call rebuild(model, err)
-    else
-      call follow(model, err)
-    end if
-  end subroutine keep_up
-
-  subroutine say_inverted(model, err)
-    !! Names a particle that would have lost its volume or pores in this step, if there is one; NaN
-    !! is no volume either, but has its own cause.
-    type(model_t), intent(in) :: model
-    type(error_t), intent(inout) :: err
-
-    if (model%inverted == 0) return
-    if (model%fault%failed()) then
-      call err%set(model%fault%message)
-    else if (model%pores_close) then
-      call err%set(describe_particle(model, 'closes its pores: it is compressed beyond the '// &
-                                     'volume of its grains', model%inverted))
-    else
-      call err%set(describe_particle(model, 'has lost all its volume (J <= 0)', model%inverted))
-    end if
-  end subroutine say_inverted
-
-  subroutine rebuild(model, err)
-    !! Particles go to their owners, everything that depends on places is built anew. Collective.
-    type(model_t), intent(inout) :: model
-    type(error_t), intent(inout) :: err
-
-    call check_state(model, err)   ! a position that is no number would only seem to leave
-    if (.not. err%failed()) call remove_leavers(model, err)
-    if (.not. err%failed()) call distribute(model, err)
-    if (.not. err%failed()) call build_geometry(model, err)
-    call model%comm%agree(err)
-  end subroutine rebuild
-
-  subroutine follow(model, err)
-    !! Cells, patches, cell volumes and storage of particles that moved within the grid.
-    type(model_t), intent(inout) :: model
-    type(error_t), intent(inout) :: err
-    integer :: n_lost, n
-
-    n = model%particles%count
-    call model%grid%locate(n, model%particles%field(model%p%position)%values, model%patch, &
-                           model%cell, n_lost)
-    if (n_lost > 0) call err%set('particles moved out of the grid in one step at t = '// &
-                                 to_text(model%clock%time)//' s: the run is unstable')
-    call model%comm%agree(err)
-    if (err%failed()) return
-    call refresh_weights(model)
-    if (model%coupled) call refresh_storage(model)
-  end subroutine follow
-
-  subroutine remove_leavers(model, err)
-    !! Particles outside the scene's domain: an error, or removed and counted.
-    type(model_t), intent(inout) :: model
-    type(error_t), intent(inout) :: err
-    integer, allocatable :: keep(:)
-    logical, allocatable :: inside(:)
-    real(wp) :: margin   ! [m]
-    integer :: p, n
-
-    n = model%particles%count
-    margin = beyond*model%scene%grid_spacing
-    allocate (inside(n))
-    do p = 1, n
-      associate (x => model%particles%field(model%p%position)%values(:, p))
-        inside(p) = all(x >= model%scene%domain_min - margin .and. &
-                        x <= model%scene%domain_max + margin)
-      end associate
-    end do
-    if (.not. model%comm%any(.not. all(inside))) return
-    if (model%scene%leaving_particles == 'stop') then
-      if (.not. all(inside)) then
-        call err%set(describe_particle(model, 'left the domain', findloc(inside, .false., dim=1)))
-      end if
-      call model%comm%agree(err)
-      return
-    end if
-    model%removed = model%removed + model%comm%sum(int(count(.not. inside), i8))
-    keep = pack([(p, p=1, n)], inside)
-    model%particles%count = size(keep)
-    call model%particles%reorder(keep)
-    call model%log%warning('particles left the domain and were removed: '// &
-                           to_text(model%removed)//' so far')
-  end subroutine remove_leavers
 
   subroutine write_last_state(model, files, err)
     !! Before a run stops with an error: its state, if it is possible. Collective.
@@ -396,114 +240,6 @@ contains
 
     if (is_sound(model)) call files%write_step(model, err)
   end subroutine write_last_state
-
-  subroutine geostatic_start(model, err)
-    !! Effective stresses in equilibrium with weight, loads and pore pressures before the clock
-    !! starts. The body is where it shall be, so what has moved on the way is forgotten, but for
-    !! the springs of penalty walls.
-    type(model_t), intent(inout) :: model
-    type(error_t), intent(inout) :: err
-    real(wp), allocatable :: volume(:, :), porosity(:, :)
-    character(len=:), allocatable :: remains
-    integer :: n_iteration
-    logical :: stands
-
-    n_iteration = 0
-    volume = model%particles%field(model%p%volume)%values
-    porosity = model%particles%field(model%p%porosity)%values
-    call find_geostatic_equilibrium(model, n_iteration, stands, err, remains)
-    if (.not. (stands .or. err%failed())) then
-      call err%set('the geostatic start found no equilibrium: the soils cannot carry the loads '// &
-                   '(dosui --safety finds by how much); '//remains)
-    end if
-    if (err%failed()) return
-    model%particles%field(model%p%displacement)%values = 0.0_wp
-    model%particles%field(model%p%volume)%values = volume
-    model%particles%field(model%p%porosity)%values = porosity
-    model%inverted = 0
-    associate (displacement => model%surface%field(model%s%displacement)%values, &
-               m => model%surface%count)
-      if (model%finite) then
-        displacement = 0.0_wp
-      else
-        call model%surface_forces%forget(model%scene%mechanical_condition, displacement(:, 1:m))
-      end if
-    end associate
-    call model%log%info('geostatic equilibrium after '//to_text(n_iteration)//' iterations')
-  end subroutine geostatic_start
-
-  subroutine undrained_start(model, err)
-    !! Undrained equilibrium under the loads at t = 0, before the clock starts. In updated scenes
-    !! the particles then move, and the equilibrium is sought again where they are.
-    type(model_t), intent(inout) :: model
-    type(error_t), intent(inout) :: err
-    real(wp), allocatable :: before(:, :), before_surface(:, :)
-    type(load_scale_t) :: scale
-    real(wp) :: first
-    integer :: pass, n_iteration, last_iteration
-
-    first = -1.0_wp
-    n_iteration = 0
-    do pass = 1, equilibrium_passes
-      last_iteration = n_iteration
-      before = model%particles%field(model%p%displacement)%values(:, 1:model%particles%count)
-      before_surface = model%surface%field(model%s%displacement)%values(:, 1:model%surface%count)
-      if (model%integrator == 'explicit') then
-        call find_equilibrium(model, merge(pass_reduction, 0.0_wp, model%updated), n_iteration, &
-                              scale, err)
-      else
-        call solve_equilibrium(model, before, n_iteration, first, err)
-      end if
-      if (err%failed()) return
-      if (.not. model%updated .or. n_iteration == last_iteration) exit
-      call move_by(model%particles, model%p%position, model%p%displacement, before)
-      call move_by(model%surface, model%s%position, model%s%displacement, before_surface)
-      call rebuild(model, err)
-      if (err%failed()) return
-    end do
-    call model%log%info('undrained equilibrium after '//to_text(n_iteration)//' iterations')
-    if (pass > equilibrium_passes) then
-      call model%log%warning('undrained equilibrium: moving the particles still disturbs it '// &
-                             'after '//to_text(equilibrium_passes)//' passes')
-    end if
-  end subroutine undrained_start
-
-  subroutine solve_equilibrium(model, before, n_solution, first, err)
-    !! Undrained equilibrium by one implicit solution. It counts while displacements still change.
-    type(model_t), intent(inout) :: model
-    real(wp), intent(in) :: before(:, :)      !! displacements [m]
-    integer, intent(inout) :: n_solution      !! that changed anything
-    real(wp), intent(inout) :: first          !! the first of these changes [m]; < 0: none yet
-    type(error_t), intent(inout) :: err
-    type(quasi_static_t) :: solver
-    real(wp) :: change
-
-    call solver%init(model, err)
-    if (.not. err%failed()) call solver%settle(model, err)
-    if (err%failed()) return
-    change = 0.0_wp
-    associate (displacement => model%particles%field(model%p%displacement)%values, &
-               n => model%particles%count)
-      if (n > 0) change = maxval(abs(displacement(:, 1:n) - before))
-    end associate
-    change = model%comm%maximum(change)
-    if (first < 0.0_wp) first = max(change, model%grid%spacing*mean_stress_size(model)/ &
-                                    model%skeleton_modulus)   ! of stresses that end in a cell
-    if (change > settled*first) n_solution = n_solution + 1
-  end subroutine solve_equilibrium
-
-  pure subroutine move_by(set, position, displacement, before)
-    !! Moves points by what their displacements have grown.
-    type(point_set_t), intent(inout) :: set
-    integer, intent(in) :: position, displacement   !! fields
-    real(wp), intent(in) :: before(:, :)            !! displacements at the last position [m]
-    integer :: p
-
-    do p = 1, set%count
-      set%field(position)%values(:, p) = set%field(position)%values(:, p) + &
-                                         set%field(displacement)%values(:, p) - before(:, p)
-    end do
-  end subroutine move_by
 
   subroutine write_output(model, files, err)
     !! An output step and, if the scene asks for it, a checkpoint that is kept. Collective.
@@ -516,11 +252,11 @@ contains
     call files%write_checkpoint(model, err, is_kept=.true.)
   end subroutine write_output
 
-  subroutine checkpoint_if_due(model, files, check_interval, last, err)
+  subroutine checkpoint_if_due(model, files, look_interval, last, err)
     !! Writes a checkpoint every so many steps or minutes. Collective.
     type(model_t), intent(inout) :: model
     type(run_files_t), intent(inout) :: files
-    integer(i8), intent(in) :: check_interval   !! steps between looks at the wall clock
+    integer(i8), intent(in) :: look_interval   !! steps between looks at the wall clock
     real(wp), intent(inout) :: last         !! wall clock of the last one [s]
     type(error_t), intent(inout) :: err
     logical :: due
@@ -530,7 +266,7 @@ contains
       due = mod(model%clock%step, model%scene%output%checkpoint_steps) == 0_i8
     end if
     if (model%scene%output%checkpoint_minutes > 0.0_wp .and. &
-        mod(model%clock%step, check_interval) == 0_i8) then
+        mod(model%clock%step, look_interval) == 0_i8) then
       due = due .or. model%comm%any(wall_seconds() - last > &
                                     60.0_wp*model%scene%output%checkpoint_minutes)
     end if

@@ -12,7 +12,6 @@ module dosui_equilibrium
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim, nsig
   use dosui_error, only: error_t
-  use dosui_finite_state, only: refresh_finite
   use dosui_implicit_system, only: add_hourglass_forces, find_empty, implicit_system_t, is_small
   use dosui_linear_elastic, only: linear_elastic_t
   use dosui_materials, only: material_set_t
@@ -21,6 +20,7 @@ module dosui_equilibrium
   use dosui_skeleton_step, only: gather_forces, gather_loads, light_node_mass, &
                                  nodal_accelerations, update_particles, zero_velocities
   use dosui_text, only: to_text
+  use dosui_total_lagrangian, only: total_lagrangian_t
   use dosui_water_step, only: update_pressure
   implicit none
   private
@@ -306,8 +306,9 @@ contains
     type(model_t), intent(inout) :: model
     type(trial_t), intent(inout) :: state
     type(error_t), intent(inout) :: err
+    type(total_lagrangian_t) :: body
 
-    if (model%finite) call refresh_finite(model, err)   ! the operators need it
+    if (model%finite) call body%linearise(model, err)   ! the operators need it
     if (err%failed()) return
     allocate (state%moved(ndim, model%grid%n_node), source=0.0_wp)
     allocate (state%is_empty(ndim, model%grid%n_node))

@@ -4,12 +4,13 @@
 !! a staggered (symplectic Euler) scheme. The water may take several sub-steps in one step of the
 !! skeleton, with the volume change of the step held constant.
 module dosui_explicit
-  use dosui_kinds, only: wp
+  use dosui_kinds, only: wp, i8
   use dosui_dimension, only: ndim
   use dosui_damping, only: damping_fading, damping_viscous
   use dosui_error, only: error_t
   use dosui_fluid_inertia, only: find_inertia_flow
   use dosui_force_balance, only: want_forces
+  use dosui_inertial_integrator, only: inertial_integrator_t
   use dosui_model, only: model_t
   use dosui_scene, only: name_length
   use dosui_seepage, only: seepage_t
@@ -23,6 +24,17 @@ module dosui_explicit
   implicit none
   private
 
+  type, extends(inertial_integrator_t), public :: explicit_t
+    !! Nothing but how often the water needed sub-steps or stages of its own.
+    integer :: most_parts = 1              !! of the water in a step
+    integer(i8) :: n_part = 0_i8           !! of the water in all steps
+    integer(i8) :: n_step = 0_i8
+  contains
+    procedure :: choose_step => explicit_choose_step
+    procedure :: advance => explicit_advance
+    procedure :: describe => explicit_describe
+  end type explicit_t
+
   public :: explicit_step, choose_explicit_step, cut_share, damping_limit, fastest_particle
 
   ! Measured with random boxes (tests/verification/explicit_boxes.py) as steps over h/c: FLIP fails
@@ -34,6 +46,37 @@ module dosui_explicit
   integer, parameter :: most_substeps = 100000000   !! of the water in a step; 2e4 stages of RKL2
 
 contains
+
+  subroutine explicit_choose_step(self, model)
+    !! See `choose_explicit_step`. Collective.
+    class(explicit_t), intent(inout) :: self
+    type(model_t), intent(inout) :: model
+
+    call choose_explicit_step(model)
+    self%most_parts = max(self%most_parts, model%substeps, model%stages)
+  end subroutine explicit_choose_step
+
+  subroutine explicit_advance(self, model, err)
+    !! See `explicit_step`. Collective.
+    class(explicit_t), intent(inout) :: self
+    type(model_t), intent(inout) :: model
+    type(error_t), intent(inout) :: err
+
+    call explicit_step(model, .true., err)
+    self%n_step = self%n_step + 1_i8
+    self%n_part = self%n_part + int(max(1, model%substeps, model%stages), i8)
+  end subroutine explicit_advance
+
+  function explicit_describe(self) result(text)
+    !! Sub-steps of the water for the closing summary, if there were any.
+    class(explicit_t), intent(in) :: self
+    character(len=:), allocatable :: text
+
+    text = ''
+    if (self%most_parts > 1) text = 'sub-steps or stages of the water '//to_text(self%n_part)// &
+                                    ' in '//to_text(self%n_step)//' steps, at most '// &
+                                    to_text(self%most_parts)//' in one'
+  end function explicit_describe
 
   subroutine explicit_step(model, drained, err)
     !! Advances the state by the clock's step; `drained = .false.` keeps the water in place.

@@ -13,6 +13,7 @@ module dosui_model
   use dosui_hydraulic_conditions, only: hydraulic_conditions_t
   use dosui_index_map, only: index_map_t
   use dosui_integrator_choice, only: integrator_choice_t
+  use dosui_integrator_traits, only: integrator_traits_t
   use dosui_log, only: log_t
   use dosui_materials, only: material_set_t
   use dosui_nodal_conditions, only: nodal_conditions_t
@@ -23,7 +24,7 @@ module dosui_model
   use dosui_point_set, only: point_set_t
   use dosui_reactions, only: reactions_t
   use dosui_retention, only: retention_t
-  use dosui_scene, only: name_length, scene_t
+  use dosui_scene, only: scene_t
   use dosui_sources, only: sources_t
   use dosui_storage, only: storage_t
   use dosui_surface_forces, only: surface_forces_t
@@ -60,8 +61,8 @@ module dosui_model
     type(phase_timers_t) :: phase
     type(time_control_t) :: clock
     logical :: coupled = .false.     !! water is computed
-    character(len=name_length) :: integrator = 'explicit'   !! never 'auto'
-    type(integrator_choice_t) :: choice      !! why
+    type(integrator_traits_t) :: traits      !! of the integrator
+    type(integrator_choice_t) :: choice      !! why that one
     logical :: rigid = .false.       !! skeleton does not move: mechanics is skipped
     logical :: updated = .false.     !! particles move, geometry follows
     logical :: finite = .false.      !! finite strains on a total Lagrangian grid

@@ -7,7 +7,7 @@ module dosui_pore_water
   implicit none
   private
 
-  public :: bearing_pressure, compressibility_at, content_change, mean_saturation, &
+  public :: add_pressure, bearing_pressure, compressibility_at, content_change, mean_saturation, &
             saturation_at, wet_masses
 
 contains
@@ -84,6 +84,18 @@ contains
       if (model%unsaturated) pressure(1, :) = pressure(1, :)*saturation_at(model, pressure(1, :))
     end associate
   end function bearing_pressure
+
+  subroutine add_pressure(model, pressure)
+    !! Adds increments to the particles' pressures.
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: pressure(:)   !! [Pa]
+
+    if (.not. model%coupled) return
+    associate (values => model%particles%field(model%p%pore_pressure)%values, &
+               n => model%particles%count)
+      values(1, 1:n) = values(1, 1:n) + pressure(1:n)
+    end associate
+  end subroutine add_pressure
 
   subroutine wet_masses(model, before, after)
     !! Particles weigh what their pores hold.

@@ -12,7 +12,7 @@
 !! and stopped if the new pressures drive them in. A wall that new pressures pull at lets go in the
 !! next step, when they are part of v*.
 module dosui_semi_implicit
-  use dosui_kinds, only: wp
+  use dosui_kinds, only: wp, i8
   use dosui_dimension, only: ndim, nsig, voigt_slot
   use dosui_cell_average, only: cell_sums
   use dosui_error, only: error_t
@@ -20,6 +20,7 @@ module dosui_semi_implicit
   use dosui_extended_nodes, only: held_components, inertia_forces
   use dosui_force_balance, only: book_held_by_walls, book_reactions, book_rigid_wall, want_forces
   use dosui_implicit_system, only: implicit_system_t
+  use dosui_inertial_integrator, only: inertial_integrator_t
   use dosui_model, only: balance_t, model_t
   use dosui_rigid_walls, only: correct_friction, meet_walls
   use dosui_seepage, only: seepage_t
@@ -37,23 +38,23 @@ module dosui_semi_implicit
   real(wp), parameter :: wall_share = 0.6_wp   !! of the wave's limit, measured [-]
   integer, parameter :: attempts = 6                     !! at one step
 
-  type, public :: semi_implicit_t
+  type, extends(inertial_integrator_t), public :: semi_implicit_t
     type(implicit_system_t) :: system
+    integer(i8) :: n_step = 0_i8        !! steps chosen
     integer :: n_failed = 0             !! linear solutions that did not converge
     logical, private :: is_built = .false.
     integer, private :: rebuilds = -1   !! of the geometry that the equations belong to
     logical, allocatable, private :: by_walls(:, :)   !! components that rigid walls hold
     real(wp), allocatable, private :: taken(:, :)     !! velocities that they took from v* [m/s]
   contains
-    procedure :: step => semi_implicit_step
+    procedure :: choose_step => semi_implicit_choose_step
+    procedure :: advance => semi_implicit_advance
     procedure :: describe => semi_implicit_describe
   end type semi_implicit_t
 
-  public :: choose_semi_implicit_step
-
 contains
 
-  subroutine semi_implicit_step(self, model, err)
+  subroutine semi_implicit_advance(self, model, err)
     !! Advances the state by the clock's step, or by half of it as often as the linear solver fails.
     !! Collective.
     class(semi_implicit_t), intent(inout) :: self
@@ -113,7 +114,7 @@ contains
     if (.not. model%switching) return
     call seepage%start_step(model)
     call seepage%review(model, model%clock%time + model%clock%dt, before + pressure, changed)
-  end subroutine semi_implicit_step
+  end subroutine semi_implicit_advance
 
   subroutine report_forces(self, model, pressure)
     !! Forces of walls in the step. Collective.
@@ -297,8 +298,9 @@ contains
     call model%timers%stop(model%phase%water)
   end subroutine find_supply
 
-  subroutine choose_semi_implicit_step(model)
-    !! Step from the skeleton's wave, its damping and the particles' speed.
+  subroutine semi_implicit_choose_step(self, model)
+    !! Step from the skeleton's wave, its damping and the particles' speed. Collective.
+    class(semi_implicit_t), intent(inout) :: self
     type(model_t), intent(inout) :: model
     type(step_limit_t) :: limits(4)
     real(wp) :: speed
@@ -320,7 +322,8 @@ contains
     end associate
     call model%clock%choose_step(model%scene%time, limits)
     call model%clock%round_step()
-  end subroutine choose_semi_implicit_step
+    self%n_step = self%n_step + 1_i8
+  end subroutine semi_implicit_choose_step
 
   function semi_implicit_describe(self) result(text)
     !! Linear solutions so far, for the closing summary.
@@ -328,7 +331,8 @@ contains
     character(len=:), allocatable :: text
 
     associate (system => self%system%system)
-      text = 'steps repeated '//to_text(self%n_failed)//' for the solver; '// &
+      text = 'steps repeated '//to_text(self%n_failed)//' of '//to_text(self%n_step)// &
+             ' for the solver; '// &
              trim(merge('direct   ', 'iterative', system%is_direct))//' solutions '// &
              to_text(system%n_solve)//', set-ups '//to_text(system%n_setup)
       if (.not. system%is_direct) text = text//', iterations '//to_text(system%n_iteration)// &

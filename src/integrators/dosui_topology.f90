@@ -250,7 +250,7 @@ contains
     per_brick = real(total, wp)/real(bricks_per_rank*model%comm%size, wp)
     ! whole blocks of 2 cells, so that no block is shared, unless there are too few of them
     model%brick_edge = max(1, int((per_brick/per_cell)**(1.0_wp/ndim)))
-    if (model%integrator /= 'explicit') model%brick_edge = max(2, model%brick_edge)
+    if (model%traits%solves_water) model%brick_edge = max(2, model%brick_edge)
     if (model%brick_edge > 1) model%brick_edge = model%brick_edge - mod(model%brick_edge, 2)
     key = brick_keys(model, model%particles%count, &
                      model%particles%field(build_handle(model))%values)
@@ -415,7 +415,7 @@ contains
     allocate (model%strain_increment(nsig, n), source=0.0_wp)
     allocate (model%no_state(0, n))
     if (allocated(model%tangent)) deallocate (model%tangent)
-    if (model%integrator == 'quasi_static' .and. .not. model%rigid .and. &
+    if (model%traits%solves_skeleton .and. .not. model%rigid .and. &
         (model%materials%is_nonlinear() .or. model%finite)) then
       allocate (model%tangent(nsig, nsig, n), source=0.0_wp)
     end if
@@ -589,7 +589,7 @@ contains
     type(model_t), intent(in) :: model
 
     modulus = min(model%stiffest, stiffest_walls*model%skeleton_modulus)
-    if (model%integrator == 'semi_implicit') modulus = model%skeleton_modulus
+    if (model%traits%projects()) modulus = model%skeleton_modulus
   end function wall_modulus
 
   subroutine build_quadrature(model, handle, surface_handle, cell)
@@ -616,7 +616,7 @@ contains
     call model%quadrature%init_from_particles(model%comm, model%grid, n, cell, &
                                               model%particles%field(handle)%values(:, 1:n), &
                                               model%surface%count, model%surface_cell, cuts, &
-                                              finds_ragged=model%integrator == 'explicit')
+                                              finds_ragged=model%traits%is_explicit())
   end subroutine build_quadrature
 
   subroutine find_least_inertia(model)
@@ -928,7 +928,7 @@ contains
 
     needed = .false.
     if (.not. model%updated) return
-    if (model%integrator == 'semi_implicit') then
+    if (model%traits%solves_water) then
       needed = .true.   ! its equations want every cell whole on one rank
       return
     end if

@@ -12,7 +12,7 @@ module dosui_water_step
   implicit none
   private
 
-  public :: add_sources, update_pressure, head_of_particles, darcy_velocity, water_rate, &
+  public :: find_flow, add_sources, update_pressure, head_of_particles, darcy_velocity, water_rate, &
             prepare_flow, set_surface_data, surface_elevation
 
 contains
@@ -174,6 +174,24 @@ contains
     end if
     call inflow_rate(model, supplied, inflow)
   end subroutine add_sources
+
+  subroutine find_flow(model, time, pressure, flow, inflow)
+    !! F: water that flows into each particle per time [m3/s].
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: time          !! of the surfaces' heads and fluxes [s]
+    real(wp), intent(in) :: pressure(:)   !! [Pa]
+    real(wp), intent(out) :: flow(:)
+    real(wp), intent(out), optional :: inflow(:)    !! through surfaces, for the balance [m3/s]
+    real(wp) :: through(size(model%balance%inflow))
+
+    call model%timers%start(model%phase%water)
+    call set_surface_data(model, time)
+    call water_rate(model, pressure, flow)
+    call add_sources(model, time, flow, through)
+    if (present(inflow)) inflow = through
+    flow = flow*model%weight
+    call model%timers%stop(model%phase%water)
+  end subroutine find_flow
 
   subroutine pressure_rate(model, drained, pressure, rate, inflow)
     !! Rate of the pressures: storage times du/dt = inflow - volume change [Pa/s].

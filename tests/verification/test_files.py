@@ -402,9 +402,10 @@ def test_restart_from_what_is_no_checkpoint(dosui: Runner, tmp_path: Path) -> No
 # ---------------------------------------------------------------- two runs, signals
 
 
-def hear_hangups() -> None:
-    """Also where the tests themselves run under nohup."""
+def hear_signals() -> None:
+    """Also where the tests themselves run under nohup, or in a script's background."""
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def start(folder: Path, *launcher: str) -> subprocess.Popen:
@@ -415,7 +416,7 @@ def start(folder: Path, *launcher: str) -> subprocess.Popen:
         cwd=folder,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
-        preexec_fn=hear_hangups,
+        preexec_fn=hear_signals,
     )
     deadline = time.monotonic() + 60
     while not (folder / "col.vtkhdf").exists():

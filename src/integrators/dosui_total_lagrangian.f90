@@ -1,28 +1,33 @@
-!! The state of finite strains on a total Lagrangian grid: nodes and shape functions belong to the
+!! Finite strains on a total Lagrangian grid: nodes and shape functions belong to the
 !! reference configuration, everything else follows from the nodes' motion since some start.
 !!
 !! Volumes are averaged over cells: a particle's deformation gradient is scaled so that its
 !! determinant is J = sum V0 det F/sum V0 of its cell (F-bar), which is what the water sees, too.
 !! Surface points carry a deformation gradient, too, so that pressures follow the surface:
 !! n da = J F^-T N dA (Nanson).
-module dosui_finite_state
+module dosui_total_lagrangian
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim, nsig
   use dosui_error, only: error_t
   use dosui_finite_strain, only: carried_area, deform, elastic_strain, elastic_trial, invert, &
                                  rate_of_logarithm
-  use dosui_implicit_system, only: elastic_tangent, surface_gradients
+  use dosui_formulation, only: formulation_t, stage_data_t
+  use dosui_implicit_system, only: add_hourglass_forces, elastic_tangent, implicit_system_t, &
+                                   surface_gradients
   use dosui_model, only: model_t
-  use dosui_pore_water, only: saturation_at
+  use dosui_pore_water, only: content_change, mean_saturation, saturation_at
+  use dosui_skeleton_step, only: gather_loads
   use dosui_state_check, only: describe_particle
   use dosui_stress_update, only: update_stress
   use dosui_topology, only: build_water, refresh_weights
+  use dosui_water_step, only: find_flow
   implicit none
   private
 
-  public :: refresh_finite
+  real(wp), parameter :: least_motion = 1.0e-8_wp
+  !! of a cell: smaller motions are not told apart, as logarithms round off against 1 [-]
 
-  type, public :: finite_start_t
+  type, extends(formulation_t), public :: total_lagrangian_t
     !! What a motion of the nodes starts from.
     real(wp), allocatable :: deformation(:, :, :)         !! (ndim, ndim, n) [-]
     real(wp), allocatable :: displacement(:, :)           !! of the particles [m]
@@ -32,15 +37,20 @@ module dosui_finite_state
     real(wp), allocatable :: stress(:, :)                 !! effective [Pa]
     real(wp), allocatable :: state(:, :)                  !! of the materials
   contains
-    procedure :: take => start_take
-    procedure :: move => start_move
-  end type finite_start_t
+    procedure :: linearise => lagrangian_linearise
+    procedure :: take_start => lagrangian_take_start
+    procedure :: move_to => lagrangian_move_to
+    procedure :: find_forces => lagrangian_find_forces
+    procedure :: find_missing_water => lagrangian_find_missing_water
+    procedure :: accept => lagrangian_accept
+    procedure :: start_stress => lagrangian_start_stress
+  end type total_lagrangian_t
 
 contains
 
-  subroutine start_take(self, model)
+  subroutine lagrangian_take_start(self, model)
     !! Keeps the present state.
-    class(finite_start_t), intent(inout) :: self
+    class(total_lagrangian_t), intent(inout) :: self
     type(model_t), intent(in) :: model
     integer :: n, m
 
@@ -59,12 +69,12 @@ contains
       self%surface_displacement = field(h%displacement)%values(:, 1:m)
       self%surface_deformation = field(h%deformation)%values(:, 1:m)
     end associate
-  end subroutine start_take
+  end subroutine lagrangian_take_start
 
-  subroutine start_move(self, model, motion, err)
+  subroutine lagrangian_move_to(self, model, motion, err)
     !! Puts the model where a motion of the nodes since the start brings it. A cell that has lost
     !! its volume is an error, and the model then waits for a smaller motion. Collective.
-    class(finite_start_t), intent(in) :: self
+    class(total_lagrangian_t), intent(inout) :: self
     type(model_t), intent(inout) :: model
     real(wp), intent(in) :: motion(:, :)   !! of the nodes [m]
     type(error_t), intent(inout) :: err
@@ -100,12 +110,94 @@ contains
     call refresh_weights(model)
     if (model%coupled) call build_water(model, model%p%position_at_build)
     call model%timers%stop(model%phase%rebuild)
-  end subroutine start_move
+  end subroutine lagrangian_move_to
+
+  subroutine lagrangian_find_forces(self, system, model, motion, force)
+    !! Loads on the deformed surface and stresses of the deformed body. Collective.
+    class(total_lagrangian_t), intent(in) :: self
+    type(implicit_system_t), intent(inout) :: system
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: motion(:, :)             !! of the nodes since the start [m]
+    real(wp), allocatable, intent(inout) :: force(:, :)   !! [N]
+    real(wp) :: pressure(model%particles%count)
+
+    associate (not_used => self)
+    end associate
+    pressure = 0.0_wp
+    if (model%coupled) pressure = model%particles%field(model%p%pore_pressure)% &
+                                  values(1, 1:size(pressure))
+    call gather_loads(model)
+    force = model%nodal(2 + ndim:, :)
+    call system%internal_forces(model, pressure*saturation_at(model, pressure), force)
+    call add_hourglass_forces(model, motion, force)
+    call system%unknowns%fold(model, force)
+  end subroutine lagrangian_find_forces
+
+  subroutine lagrangian_find_missing_water(self, system, model, stage, pressure, water, err)
+    !! With suction: mean pores times the change of what they hold, and mean saturation times the
+    !! change of pores: the difference of their product. Collective.
+    class(total_lagrangian_t), intent(in) :: self
+    type(implicit_system_t), intent(inout) :: system
+    type(model_t), intent(inout) :: model
+    class(stage_data_t), intent(in) :: stage
+    real(wp), intent(in) :: pressure(:)      !! since the start [Pa]
+    real(wp), intent(inout) :: water(:)      !! [m3]
+    type(error_t), intent(inout) :: err
+    real(wp), dimension(size(water)) :: stored, pores, growth
+
+    associate (field => model%particles%field, h => model%p, n => size(water), a => stage%flow_weight)
+      growth = field(h%volume)%values(1, 1:n) - self%volume
+      if (.not. model%unsaturated) then
+        call find_flow(model, stage%time, stage%start, water)
+        call system%stored(model, a, pressure, stored, err)
+        water = stage%supply + a*water - stored - model%filling*growth
+        return
+      end if
+      call find_flow(model, stage%time, stage%start + pressure, water)
+      call system%stored_by_projection(pressure, stored)
+      pores = 0.5_wp + 0.5_wp*self%porosity*self%volume/ &
+              (field(h%porosity)%values(1, 1:n)*field(h%volume)%values(1, 1:n))
+      water = stage%supply + a*water - stored - model%weight* &
+              (pores*content_change(model, stage%start, stage%start + pressure) - &
+               model%storage%compressibility*pressure)
+      water = water - model%filling*mean_saturation(model, stage%start, stage%start + pressure)* &
+              growth
+    end associate
+  end subroutine lagrangian_find_missing_water
+
+  subroutine lagrangian_accept(self, model)
+    !! Velocities and volume changes of a step that is accepted; the state is there already.
+    class(total_lagrangian_t), intent(inout) :: self
+    type(model_t), intent(inout) :: model
+    integer :: n, m
+
+    n = model%particles%count
+    m = model%surface%count
+    associate (field => model%particles%field, h => model%p)
+      field(h%velocity)%values(:, 1:n) = (field(h%displacement)%values(:, 1:n) - &
+                                          self%displacement)/model%clock%dt
+      if (model%coupled) model%volume_strain = &
+        (1.0_wp - self%volume/field(h%volume)%values(1, 1:n))
+    end associate
+    associate (field => model%surface%field, h => model%s)
+      field(h%velocity)%values(:, 1:m) = (field(h%displacement)%values(:, 1:m) - &
+                                          self%surface_displacement)/model%clock%dt
+    end associate
+  end subroutine lagrangian_accept
+
+  subroutine lagrangian_start_stress(self, stress)
+    !! Stresses turn with the body: the argument stays as it is.
+    class(total_lagrangian_t), intent(in) :: self
+    real(wp), allocatable, intent(inout) :: stress(:, :)
+
+    associate (not_used => self, nor => stress)
+    end associate
+  end subroutine lagrangian_start_stress
 
   subroutine take_cell_gradients(self, model, motion, deformation)
     !! Gives the increments of the particles' deformation gradients the mean that the gradient C of
     !! their cell has: off a lattice particles do not integrate well, and cells may be cut.
-    class(finite_start_t), intent(in) :: self
+    class(total_lagrangian_t), intent(in) :: self
     type(model_t), intent(in) :: model
     real(wp), intent(in) :: motion(:, :)                  !! of the nodes [m]
     real(wp), intent(inout) :: deformation(:, :, :)       !! [-]
@@ -138,7 +230,7 @@ contains
 
   subroutine deform_surface(self, model, motion)
     !! Deformation gradients, normals and areas of the surface points.
-    class(finite_start_t), intent(in) :: self
+    class(total_lagrangian_t), intent(in) :: self
     type(model_t), intent(inout) :: model
     real(wp), intent(in) :: motion(:, :)   !! of the nodes [m]
     real(wp) :: f(ndim, ndim), area(ndim), gradient(ndim, 2**ndim)
@@ -164,14 +256,18 @@ contains
     end associate
   end subroutine deform_surface
 
-  subroutine refresh_finite(model, err)
+  subroutine lagrangian_linearise(self, model, err)
     !! What follows from the deformation gradients at hand, with the elastic stiffness. Collective.
+    class(total_lagrangian_t), intent(inout) :: self
     type(model_t), intent(inout) :: model
     type(error_t), intent(inout) :: err
     real(wp) :: tangent(nsig, nsig)
     real(wp), allocatable :: ratio(:)
     integer :: p, n
 
+    self%is_linear = .false.
+    self%follows_places = .true.
+    self%least_motion = least_motion
     n = model%particles%count
     call find_volume_ratios(model, reshape(model%particles%field(model%p%deformation)% &
                                            values(:, 1:n), [ndim, ndim, n]), ratio, err)
@@ -183,7 +279,7 @@ contains
     end do
     call refresh_weights(model)
     if (model%coupled) call build_water(model, model%p%position_at_build)
-  end subroutine refresh_finite
+  end subroutine lagrangian_linearise
 
   subroutine find_volume_ratios(model, deformation, ratio, err)
     !! Inverses and own volumes of particles, and J of their cells.
@@ -220,7 +316,7 @@ contains
 
   subroutine check_pores(self, model, ratio, err)
     !! Particles that a motion compresses beyond the volume of their grains are an error.
-    class(finite_start_t), intent(in) :: self
+    class(total_lagrangian_t), intent(in) :: self
     type(model_t), intent(in) :: model
     real(wp), intent(in) :: ratio(:)   !! J that particles take [-]
     type(error_t), intent(inout) :: err
@@ -241,7 +337,7 @@ contains
   subroutine find_stresses(self, model, deformation, err)
     !! Volumes, stresses, porosities and masses from deformation gradients: the elastic trial
     !! strains of the step, which models see as strain increments of its start.
-    class(finite_start_t), intent(in) :: self
+    class(total_lagrangian_t), intent(in) :: self
     type(model_t), intent(inout) :: model
     real(wp), intent(in) :: deformation(:, :, :)
     type(error_t), intent(inout) :: err
@@ -361,4 +457,4 @@ contains
       is_in_cauchy = model%materials%item(model%material(p))%model%is_in_cauchy
     end function is_in_cauchy
   end subroutine find_stresses
-end module dosui_finite_state
+end module dosui_total_lagrangian

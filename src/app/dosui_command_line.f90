@@ -122,7 +122,7 @@ contains
         if (starts_with(value, '-')) value = ''
         k = k + 1
       else if (option == '--template' .and. equals == 0 .and. k < size(arguments)) then
-        if (scan(arguments(k + 1), '123') == 1 .and. len_trim(arguments(k + 1)) == 1) then
+        if (.not. starts_with(trim(arguments(k + 1)), '-')) then
           k = k + 1
           value = trim(arguments(k))
         end if

@@ -184,7 +184,8 @@ contains
                         'lattice.', .true., .true.)
     groups(8) = group_t('hole', 'A polygon that is cut out of a region. 2-D only.', .false., .true.)
     groups(9) = group_t('initial_state', 'Pore pressure, effective stress and velocity at t = '// &
-                        '0; later groups override earlier ones. Without it everything is zero.', &
+                        '0; the last group for a region sets its pressures and stresses, '// &
+                        'what it does not name to zero. Without it everything is zero.', &
                         .false., .true.)
     groups(10) = group_t('surface', 'A named part of the boundary of a region, for conditions '// &
                          'and probes. Surfaces may overlap: the conditions of all act, loads '// &
@@ -844,8 +845,9 @@ contains
     call v%name(state%region, &
                 key('region', 'name of a &region', fallback='every region'))
     call v%name(state%pore_pressure, &
-                key('pore_pressure', 'zero, hydrostatic below water_level, a given value, or a '// &
-                    'checkerboard of both signs', choices='zero hydrostatic given checkerboard', &
+                key('pore_pressure', 'zero, hydrostatic about water_level (suction above '// &
+                    'it), a given value, or a checkerboard of both signs', &
+                    choices='zero hydrostatic given checkerboard', &
                     only='water = ''saturated'' in &scene', applies=.not. is_dry))
     call v%real(state%water_level, &
                 key('water_level', 'elevation of zero pressure', unit='m', &
@@ -860,7 +862,10 @@ contains
                     state%pore_pressure == 'checkerboard', &
                     undecided=state%pore_pressure == ''))
     call v%name(state%effective_stress, &
-                key('effective_stress', 'zero, geostatic below surface_level, or given', &
+                key('effective_stress', 'zero, given, or geostatic: the weight of the '// &
+                    'particle''s own soil, under water in scenes with water, below '// &
+                    'surface_level; for layers of different weight, deeper water or '// &
+                    'sloping ground add geostatic_start in &time', &
                     choices='zero geostatic given'))
     call v%real(state%surface_level, &
                 key('surface_level', 'elevation of zero effective stress', unit='m', &

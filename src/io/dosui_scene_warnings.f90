@@ -6,8 +6,9 @@ module dosui_scene_warnings
   use dosui_name_index, only: name_index_t
   use dosui_namelist, only: namelist_t
   use dosui_region_contacts, only: region_contacts_t
-  use dosui_scene, only: scene_t, table_t
+  use dosui_scene, only: initial_state_t, scene_t, table_t
   use dosui_scene_checks, only: checker_t
+  use dosui_shapes, only: shape_bounds
   use dosui_text, only: to_text, vector_text
   implicit none
   private
@@ -37,6 +38,11 @@ contains
     call warn_of_fast_water(checker, scene)
     call warn_of_gravity(checker, scene)
     call warn_of_materials(checker, scene)
+    call warn_of_overridden_states(checker, scene)
+    if (.not. (scene%time%geostatic_start .or. all(scene%material%rigid))) then
+      call warn_of_water_tables(checker, scene)
+      call warn_of_layers(checker, scene)
+    end if
     call warn_of_unused(checker, scene)
     call warn_of_bodies(checker, scene)
     scene%warnings = checker%problems
@@ -188,6 +194,124 @@ contains
     call checker%complain('material', instance, key, 'is in degrees; in radians it would be '// &
                           to_text(angle*degrees, 3)//' [deg]')
   end subroutine warn_of_radians
+
+  subroutine warn_of_overridden_states(checker, scene)
+    !! Initial states that set to zero, without a word, what an earlier one gave their region.
+    type(checker_t), intent(inout) :: checker
+    type(scene_t), intent(in) :: scene
+    integer :: j, k
+
+    do k = 2, size(scene%initial_state)
+      associate (state => scene%initial_state(k))
+        do j = 1, k - 1
+          if (.not. (share_region(scene%initial_state(j), state))) cycle
+          if (scene%initial_state(j)%pore_pressure /= 'zero' .and. &
+              .not. checker%has('initial_state', k, 'pore_pressure')) exit
+          if (scene%initial_state(j)%effective_stress /= 'zero' .and. &
+              .not. checker%has('initial_state', k, 'effective_stress')) exit
+        end do
+        if (j == k) cycle
+        call checker%complain('initial_state', k, 'region', 'sets all of the state, and so to '// &
+                              'zero what it does not name and an earlier &initial_state gave: '// &
+                              'name pore_pressure and effective_stress')
+      end associate
+    end do
+  end subroutine warn_of_overridden_states
+
+  pure logical function share_region(one, other)
+    !! Do two initial states act on a common region?
+    type(initial_state_t), intent(in) :: one, other
+
+    share_region = one%region == '' .or. other%region == '' .or. one%region == other%region
+  end function share_region
+
+  subroutine warn_of_water_tables(checker, scene)
+    !! Geostatic stresses by the weight under water where the water does not reach the surface: the
+    !! missing part is the weight of the water above its level.
+    type(checker_t), intent(inout) :: checker
+    type(scene_t), intent(in) :: scene
+    real(wp) :: low(ndim), high(ndim), top
+    integer :: k, r
+
+    if (scene%water_mode /= 'saturated') return
+    top = -huge(1.0_wp)
+    do r = 1, size(scene%region)
+      call shape_bounds(scene%region(r), scene%region(r)%shape_angle, low, high)
+      top = max(top, scene%region(r)%pivot(ndim) + high(ndim))
+    end do
+    do k = 1, size(scene%initial_state)
+      associate (state => scene%initial_state(k), near => round_off*scene%grid_spacing)
+        if (state%effective_stress /= 'geostatic' .or. state%pore_pressure /= 'hydrostatic') cycle
+        ! a level above all soil has been raised to stand for what lies between
+        if (state%surface_level > top + near) cycle
+        if (state%surface_level - state%water_level <= near) cycle
+        call checker%complain('initial_state', k, 'effective_stress', 'is the weight under '// &
+                              'water, from surface_level on, but the water stands '// &
+                              to_text(state%surface_level - state%water_level, 4)// &
+                              ' m lower: &time geostatic_start = .true. finds the equilibrium')
+      end associate
+    end do
+  end subroutine warn_of_water_tables
+
+  subroutine warn_of_layers(checker, scene)
+    !! Geostatic stresses below a layer of another weight: each soil counts only with its own.
+    type(checker_t), intent(inout) :: checker
+    type(scene_t), intent(in) :: scene
+    real(wp), allocatable :: low(:, :), high(:, :), density(:)
+    integer, allocatable :: state(:)   !! index of the one in force in a region, 0: none
+    integer :: a, b, k, n
+    logical :: is_above
+
+    n = size(scene%region)
+    allocate (low(ndim, n), high(ndim, n), density(n), state(n))
+    state = 0
+    do a = 1, n
+      call shape_bounds(scene%region(a), scene%region(a)%shape_angle, low(:, a), high(:, a))
+      low(:, a) = low(:, a) + scene%region(a)%pivot
+      high(:, a) = high(:, a) + scene%region(a)%pivot
+      density(a) = weight_density(scene, scene%region(a)%material)
+      do k = 1, size(scene%initial_state)
+        if (scene%initial_state(k)%region == '' .or. &
+            scene%initial_state(k)%region == scene%region(a)%name) state(a) = k
+      end do
+      if (state(a) == 0) cycle
+      if (scene%initial_state(state(a))%effective_stress /= 'geostatic') state(a) = 0
+    end do
+    do a = 1, n
+      if (state(a) == 0) cycle
+      do b = 1, n
+        if (b == a .or. state(b) == 0) cycle
+        is_above = all(min(high(:ndim - 1, a), high(:ndim - 1, b)) > &
+                       max(low(:ndim - 1, a), low(:ndim - 1, b))) .and. &
+                   low(ndim, b) >= high(ndim, a) - round_off*scene%grid_spacing
+        if (.not. is_above) cycle
+        ! who gives the layers levels of their own has counted what lies above
+        if (abs(scene%initial_state(state(a))%surface_level - &
+                scene%initial_state(state(b))%surface_level) > round_off*scene%grid_spacing) cycle
+        if (abs(density(a) - density(b)) <= round_off*density(a)) cycle
+        call checker%complain('initial_state', state(a), 'effective_stress', "takes '"// &
+                              trim(scene%region(a)%name)//"' to have its own weight up to "// &
+                              "surface_level, but '"//trim(scene%region(b)%name)//"' lies "// &
+                              'above, whose weight is another: &time geostatic_start = .true. '// &
+                              'finds the equilibrium')
+        exit
+      end do
+    end do
+  end subroutine warn_of_layers
+
+  pure real(wp) function weight_density(scene, name) result(density)
+    !! Density that geostatic stresses take for a soil, under water in scenes with water [kg/m3].
+    type(scene_t), intent(in) :: scene
+    character(len=*), intent(in) :: name
+    integer :: m
+
+    density = 0.0_wp
+    m = findloc(scene%material%name == name, .true., dim=1)
+    if (m == 0) return
+    density = scene%material(m)%solid_density
+    if (scene%water_mode == 'saturated') density = density - scene%water%density
+    density = (1.0_wp - scene%material(m)%porosity)*density
+  end function weight_density
 
   subroutine warn_of_unused(checker, scene)
     !! Materials and surfaces that nothing uses.

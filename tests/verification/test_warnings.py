@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import h5py
 import pytest
 from conftest import ROOT, Runner
 
@@ -38,6 +39,12 @@ DEFAULTS = {
     "left": "roller",
     "load": "1e4",
 }
+LAYERS = (
+    "&material name = 'peat' young_modulus = 1e6 porosity = {n} hydraulic_conductivity = 1e-8 /\n"
+    "&region name = 'peat' material = 'peat' box_min = 0, 4 box_max = 4, 5 /\n"
+)
+STATE = "&initial_state {region} pore_pressure = 'hydrostatic' water_level = {water} "
+STATE += "effective_stress = 'geostatic' surface_level = {surface} /\n"
 MOHR = "model = 'mohr_coulomb' cohesion = 1e3 "
 
 
@@ -107,6 +114,91 @@ def test_one_warning(dosui: Runner, changes: dict[str, str], expected: str | Non
     else:
         assert len(found) == 1, found
         assert re.search(expected, found[0]), found
+
+
+def state(surface: str = "5", water: str = "5", region: str = "") -> str:
+    """An &initial_state with geostatic stresses."""
+    return STATE.format(surface=surface, water=water, region=region and f"region = '{region}'")
+
+
+@pytest.mark.parametrize(
+    ("more", "expected"),
+    [
+        (LAYERS.format(n=0.7) + state(), r":9: &initial_state .*'clay'.*'peat' lies above"),
+        (LAYERS.format(n=0.4) + state(), None),
+        (LAYERS.format(n=0.7) + state("4.5", region="clay") + state(region="peat"), None),
+        (LAYERS.format(n=0.7) + state(region="peat"), None),
+        (state("4", "3"), r":7: &initial_state .*stands 1 m lower"),
+        (state("4", "4"), None),
+        (state("4", "4.5"), None),
+        (state("6", "4"), None),
+        (
+            state("4", "4") + "&initial_state effective_stress = 'zero' /",
+            r":8: &initial_state region.*sets all",
+        ),
+        (
+            state("4", "4") + "&initial_state pore_pressure = 'zero' effective_stress = 'zero' /",
+            None,
+        ),
+        (state("4", "4") + state("4", "4", "clay"), None),
+    ],
+)
+def test_states_out_of_equilibrium(dosui: Runner, more: str, expected: str | None) -> None:
+    """Layers, low water and overridden states have a warning, and none with a geostatic start."""
+    scene = DEFAULTS | {"more": more}
+    if "'peat'" in more:
+        upper = SCENE.replace("'top' region = 'clay'", "'top' region = 'peat'")
+    else:
+        upper = SCENE
+    run = dosui(upper.format(**scene), "--check")
+    assert run.status == 0, run.stderr
+    found = warnings_of(run.stderr)
+    assert len(found) == (expected is not None), found
+    assert expected is None or re.search(expected, found[0]), found
+    scene["time"] = "geostatic_start = .true."
+    run = dosui(upper.format(**scene), "--check")
+    assert run.status == 0, run.stderr
+    assert all("sets all" in line for line in warnings_of(run.stderr))
+
+
+@pytest.mark.parametrize("starts_in_equilibrium", [False, True])
+def test_layers_without_geostatic_start_change_pressures(
+    dosui: Runner, starts_in_equilibrium: bool
+) -> None:
+    """What is warned of is real: undrained, the missing weight of the layer becomes pressure."""
+    text = SCENE.format(
+        **(
+            DEFAULTS
+            | {
+                "more": LAYERS.format(n=0.7)
+                + state()
+                + "&probe name = 'u' kind = 'point' field = 'pore_pressure' position = 2, 1 /\n"
+                + "&surface name = 'right' region = 'clay' face = 'x+' /\n"
+                + "&mechanical_condition surface = 'right' kind = 'roller' /\n"
+                + "&surface name = 'sides' region = 'peat' face = 'x-' /\n"
+                + "&mechanical_condition surface = 'sides' kind = 'roller' /\n"
+                + "&surface name = 'other' region = 'peat' face = 'x+' /\n"
+                + "&mechanical_condition surface = 'other' kind = 'roller' /",
+                "end": "1.0",
+                "time": f"geostatic_start = .{str(starts_in_equilibrium).lower()}.",
+            }
+        )
+    )
+    # the top of the peat is the surface: no load, its own water level
+    text = text.replace(
+        "&surface name = 'top' region = 'clay'", "&surface name = 'top' region = 'peat'"
+    )
+    text = text.replace("kind = 'pressure' value = 1e4", "kind = 'pressure' value = 0")
+    text = text.replace("kind = 'head' value = 4", "kind = 'head' value = 5")
+    run = dosui(text)
+    assert run.status == 0, run.stderr
+    (file,) = run.folder.glob("*.vtkhdf")
+    with h5py.File(file) as result:
+        pressure = result["History/u"][0]
+    missing = (0.3 - 0.6) * 1650.0 * 9.81 * 1.0
+    expected = 1000.0 * 9.81 * 4.0 + (0.0 if starts_in_equilibrium else missing)
+    assert abs(pressure - expected) < 0.02 * abs(missing), pressure
+    assert ("lies above" in run.stderr) == (not starts_in_equilibrium)
 
 
 def test_body_that_nothing_holds(dosui: Runner) -> None:

@@ -321,7 +321,10 @@ def _build(scene: Scene) -> Case:
     verification = scene.one("verification")
     name = verification.text("case", "").lower()
     if name == "":
-        raise DosuiPostError("the scene names no exact solution (case in &verification)")
+        raise DosuiPostError(
+            "the scene names no exact solution (case in &verification); "
+            "'plot probe' and 'plot map' draw results without one"
+        )
     if name not in CASES:
         raise DosuiPostError(
             f"no exact solution '{name}' in &verification (known: {', '.join(CASES)})"

@@ -280,7 +280,9 @@ def _add_plots(figures: _Commands) -> None:
     _figure(
         figures, "mandel", "pressure in the centre over time, several results", _plot_mandel, True
     )
-    _figure(figures, "settlement", "settlement over time", _plot_settlement, True)
+    _figure(
+        figures, "settlement", "settlement over time, on the exact curve", _plot_settlement, True
+    )
     field_map = _figure(figures, "map", "a field on the particles", _plot_map)
     _add_field(field_map)
     when = field_map.add_mutually_exclusive_group()

@@ -46,6 +46,8 @@ _USUAL_TIME_FACTORS = (0.01, 0.05, 0.1, 0.2, 0.5, 1.0)
 _RIGHT_END = 1.08  # of the axis of u/u0
 _MOST_DOTS = 1500  # a step; more only blacken the figure
 _DOTS_OF_HISTORY = 26
+_NARROW = 0.9  # inch: narrower maps have ticks at their ends
+_LETTER = 0.09  # inch, width of a letter of these
 Box = tuple[FloatArray, FloatArray]
 _VECTOR = ("x", "y", "z", "magnitude")
 _STRESS = ("xx", "yy", "zz", "xy", "yz", "zx", "mean")
@@ -560,7 +562,7 @@ def _square_map(
     axes.set_ylim(low[1], high[1])
     axes.set_aspect("equal")
     axes.grid(False)
-    axes.locator_params(axis="x", nbins=max(2, min(6, int(width * inch / 0.7))))
+    _spread_ticks(axes, (low[0], high[0]), width * inch)
     axes.set_xlabel("$x$  [m]")
     axes.set_ylabel("$z$  [m]")
     bar = figure.colorbar(patches, ax=axes, pad=0.04, aspect=height * inch / 0.17)
@@ -568,6 +570,16 @@ def _square_map(
     bar.outline.set_linewidth(0.6)
     bar.outline.set_edgecolor(MUTED)
     return figure
+
+
+def _spread_ticks(axes: Axes, ends: tuple[float, float], inches: float) -> None:
+    """Ticks of x whose labels do not touch; of narrow bodies the ends, or one of them."""
+    if inches >= _NARROW:
+        axes.locator_params(axis="x", nbins=max(2, min(6, int(inches / 0.7))))
+        return
+    labels = [f"{end:.7g}" for end in ends]
+    n = 2 if 0.5 * sum(map(len, labels)) * _LETTER < inches else 1
+    axes.set_xticks(list(ends[:n]), labels[:n])
 
 
 def _colours(limits: tuple[float, float]) -> Colormap:

@@ -943,7 +943,8 @@ contains
     if (scene%integrator == 'explicit') call check_moving(checker, scene)
     if (scene%water%fluid_inertia .and. scene%integrator /= 'explicit') then
       call checker%complain('water', 1, 'fluid_inertia', 'works with integrator = '// &
-                            '''explicit'' only')
+                            '''explicit'' only: in implicit steps accelerations of the step '// &
+                            'before make pressures grow')
     end if
     if (scene%shape_function == 'cpgimp' .and. scene%deformation /= 'updated') then
       call checker%complain('grid', 1, 'shape_function', 'cpgimp works with deformation = '// &

@@ -14,6 +14,7 @@ module dosui_grid_to_particle
   public :: grid_to_particles
 
   integer, parameter :: chunk = 32   ! particles, so that their weights stay in the L1 cache
+  real(wp), parameter :: equal_shares = 1.0e-13_wp   !! round-off of means of equal times [-]
 
 contains
 
@@ -97,11 +98,15 @@ contains
     real(wp), intent(in), optional :: share(grid%n_node)
     real(wp) :: weight(n_group*n_group_wide*chunk), gradient(n_group*n_group_wide*ndim*chunk)
     real(wp) :: offset(n_group*n_group_wide*ndim)
-    integer :: first, last, g, n_node
+    real(wp) :: alpha   ! of all nodes of a patch [-]
+    logical :: differs
+    integer :: first, last, g, n_node, p
 
     n_node = size(grid%patch_node, 1)
     call patch_offsets(grid%shape_kind, n_groups, offset)
     call grid%weigh(number, m, patch, position, n_groups, weight, gradient)
+    alpha = flip_fraction
+    differs = .false.
     mean(:, 1:m) = 0.0_wp
     change(:, 1:m) = 0.0_wp
     slope(:, :, 1:m) = 0.0_wp
@@ -117,15 +122,26 @@ contains
         if (patch(last + 1) /= patch(first)) exit
         last = last + 1
       end do
+      if (present(share)) then
+        call find_share(n_node, grid%patch_node(1, patch(first)), grid%n_node, share, alpha, &
+                        differs)
+        if (.not. differs) then   ! sum N_i = 1 and sum N_i x_i = x
+          do p = first, last
+            kept(p) = alpha
+            lever(:, p) = ((position(:, p) - grid%origin)/grid%spacing - &
+                           grid%patch_base(:, patch(p)))*alpha
+          end do
+        end if
+      end if
       do g = 1, n_groups
         call gather_run(g, n_groups, first, last, weight, gradient, n_node, &
-                        grid%patch_node(1, patch(first)), flip_fraction, grid%n_node, &
+                        grid%patch_node(1, patch(first)), alpha, grid%n_node, &
                         velocity_old, velocity_new, mean, change, slope)
         if (has_moments) then
           call gather_moments(g, n_groups, offset, first, last, weight, n_node, &
                               grid%patch_node(1, patch(first)), grid%n_node, velocity_new, moment)
         end if
-        if (present(share)) then
+        if (differs) then
           call gather_shares(g, n_groups, offset, first, last, weight, n_node, &
                              grid%patch_node(1, patch(first)), grid%n_node, share, velocity_old, &
                              kept, lever, change)
@@ -134,6 +150,26 @@ contains
       first = last + 1
     end do
   end subroutine gather_chunk
+
+  pure subroutine find_share(n_patch_node, patch_node, n_node, share, alpha, differs)
+    !! Kernel: alpha that all nodes of a patch have but for round-off, or 0 where they differ: the
+    !! common case needs no sums of its own.
+    integer, intent(in) :: n_patch_node, patch_node(n_patch_node), n_node
+    real(wp), intent(in) :: share(n_node)
+    real(wp), intent(out) :: alpha
+    logical, intent(out) :: differs
+    real(wp) :: least, most
+    integer :: i
+
+    least = share(patch_node(1))
+    most = least
+    do i = 2, n_patch_node
+      least = min(least, share(patch_node(i)))
+      most = max(most, share(patch_node(i)))
+    end do
+    differs = most - least > equal_shares*most
+    alpha = merge(0.0_wp, most, differs)
+  end subroutine find_share
 
   pure subroutine gather_run(g, n_groups, first, last, weight, gradient, n_patch_node, patch_node, &
                              flip_fraction, n_node, velocity_old, velocity_new, mean, change, slope)
@@ -197,7 +233,7 @@ contains
     integer, intent(in) :: n_patch_node, patch_node(n_patch_node), n_node
     real(wp), intent(in) :: share(n_node), velocity_old(ndim, n_node)
     real(wp), intent(inout) :: kept(last), lever(ndim, last), change(ndim, last)
-    real(wp) :: part(n_group), old(n_group, ndim), keeps
+    real(wp) :: part(n_group), old(n_group, ndim), keeps(n_group)
     integer :: a, i, node, p
 
     part = 0.0_wp
@@ -208,13 +244,11 @@ contains
       old(i, :) = velocity_old(:, node)
     end do
     do p = first, last
-      do i = 1, n_group
-        keeps = weight(i, g, p)*part(i)
-        kept(p) = kept(p) + keeps
-        do a = 1, ndim
-          lever(a, p) = lever(a, p) + keeps*offset(i, g, a)
-          change(a, p) = change(a, p) - keeps*old(i, a)
-        end do
+      keeps = weight(:, g, p)*part
+      kept(p) = kept(p) + sum(keeps)
+      do a = 1, ndim
+        lever(a, p) = lever(a, p) + dot_product(keeps, offset(:, g, a))
+        change(a, p) = change(a, p) - dot_product(keeps, old(:, a))
       end do
     end do
   end subroutine gather_shares

@@ -3,8 +3,8 @@
 !!
 !! The scheme itself needs neither: this is what the water balance and seepage faces measure with.
 !! The fit of the particle's row of the head operator is evaluated at the point, one-sided from
-!! inside, and from the particle's own soil. Where several particles are equally near, each has its share, so that the result does
-!! not depend on the ranks.
+!! inside, and from the particle's own soil. Where several particles are equally near, each has its
+!! share, so that the result does not depend on the ranks.
 module dosui_surface_flux
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim

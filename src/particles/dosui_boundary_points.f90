@@ -55,7 +55,7 @@ contains
     if (handles%free > 0) then   ! free ones may come to be
       where (scene%surface%face == 'free') number = 1.0_wp
     end if
-    call tell_untouched(scene, pack([(s, s=1, size(number))], .not. number > 0.0_wp), problems)
+    call tell_untouched(scene, pack([(s, s=1, size(number))], number <= 0.0_wp), problems)
   end subroutine seed_boundary_points
 
   subroutine tell_untouched(scene, missing, problems)
@@ -63,8 +63,9 @@ contains
     type(scene_t), intent(in) :: scene
     integer, intent(in) :: missing(:)   !! surfaces
     character(len=:), allocatable, intent(inout) :: problems
-    character(len=*), parameter :: before = "&surface '", &
-                            after = "' touches no particle: check region, face and box"//new_line('a')
+    character(len=*), parameter :: before = "&surface '"
+    character(len=*), parameter :: &
+      after = "' touches no particle: check region, face and box"//new_line('a')
     character(len=:), allocatable :: text
     integer :: k, n
 

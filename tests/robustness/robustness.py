@@ -353,9 +353,9 @@ PAGE = """<!-- Written by `tests/robustness/robustness.py`: do not edit. -->
 
 # Robustness
 
-Random scenes, slips of the hand, damaged files and kills, {n} cases from seeds ({seeds}), on {day} in
-{minutes:.0f} minutes. A case is clean if the program ends by itself within a minute of processor time, without a
-crash and within 4 GiB, with an exit status that fits (0 finished or valid, 1 stopped while
+Random scenes, slips of the hand, damaged files and kills, {n} cases from seeds ({seeds}), on {day}
+in {minutes:.0f} minutes. A case is clean if the program ends by itself within a minute of processor
+time, without a crash and within 4 GiB, with an exit status that fits (0 finished or valid, 1 stopped while
 running, 2 refused), says why if it is not 0, and leaves result files in which everything is
 finite and porosities are positive. A damaged checkpoint must be refused.
 

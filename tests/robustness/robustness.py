@@ -353,17 +353,18 @@ PAGE = """<!-- Written by `tests/robustness/robustness.py`: do not edit. -->
 
 # Robustness
 
-Random scenes, slips of the hand, damaged files and kills, {n} cases from seeds ({seeds}), on {day}
-in {minutes:.0f} minutes. A case is clean if the program ends by itself within a minute of processor
-time, without a crash and within 4 GiB, with an exit status that fits (0 finished or valid, 1 stopped while
-running, 2 refused), says why if it is not 0, and leaves result files in which everything is
-finite and porosities are positive. A damaged checkpoint must be refused.
+Random scenes, slips of the hand, damaged files and kills: {n} cases of seeds {seeds},
+on {day} in {minutes:.0f} minutes. A case is clean if the program ends by itself within a minute of
+processor time, without a crash and within 4 GiB, with an exit status that fits (0 finished or
+valid, 1 stopped while running, 2 refused), says why if it is not 0, and leaves result files in
+which everything is finite and porosities are positive. A damaged checkpoint must be refused.
 
 {table}
 
 {broken}
 
-Again: `build/venv/bin/python tests/robustness/robustness.py --page docs/robustness.md`. One case:
+Again, by other seeds: `build/venv/bin/python tests/robustness/robustness.py --first SEED
+--count N --page docs/robustness.md` (without `--count` 3990 cases, `--log FILE` adds up). One case:
 `… robustness.py --only slips --first 17 --count 1 --keep /tmp/broken`. A short member of each
 kind runs in every test run (`tests/verification/test_robustness.py`).
 """

@@ -16,7 +16,7 @@ module dosui_setup
                                    register_surface_fields
   use dosui_retention, only: retention_t
   use dosui_resolution, only: warn_of_thin_regions
-  use dosui_scene, only: rigid_wall_t, name_length, scene_t
+  use dosui_scene, only: material_t, name_length, rigid_wall_t, scene_t
   use dosui_seeding, only: region_spacing, seed_regions
   use dosui_surface_overlaps, only: check_overlaps, warn_of_overlaps
   use dosui_surface_report, only: describe_surfaces
@@ -83,6 +83,7 @@ contains
                           projected=model%traits%projects() .and. &
                           model%reactions%n > model%reactions%n_surface, &
                           switching=model%switching, unsaturated=model%unsaturated, &
+                          layered=model%coupled .and. has_layers(scene%material), &
                           finds_surface=model%finds_surface, n_state=model%materials%n_state(), &
                           n_surface=size(scene%surface), &
                           inertia=model%inertia_drives, &
@@ -93,6 +94,13 @@ contains
     call add_timers(model)
     call model%clock%init(scene%time)
   end subroutine setup_model
+
+  pure logical function has_layers(material)
+    !! Are there soils of several conductivities?
+    type(material_t), intent(in) :: material(:)
+
+    has_layers = maxval(material%hydraulic_conductivity) > minval(material%hydraulic_conductivity)
+  end function has_layers
 
   subroutine prepare_reactions(model)
     !! The walls whose forces are reported.

@@ -406,7 +406,6 @@ contains
                         ', missing '//missing)
     place = search%place(model)
     if (balance_error(sums) <= noteworthy) return
-    if (len(place) > 0) place = ', most probably at '//place
     call model%log%warning('the water balance misses '//missing//place)
     if (balance_error(sums) <= untrusted) return
     call model%log%info(repeat('*', 78))

@@ -98,6 +98,10 @@ contains
     text = ''
     sign_text = ''
     if (x < 0.0_wp) sign_text = '-'
+    if (.not. abs(x) > 0.0_wp) then
+      if (sign(1.0_wp, x) > 0.0_wp) text = '0'
+      return
+    end if
     scale = 1.0_wp
     do power = 0, exact_power
       if (.not. abs(x) < most/scale) return

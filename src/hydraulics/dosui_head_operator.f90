@@ -489,19 +489,23 @@ contains
     end do
   end subroutine head_operator_linearise
 
-  pure subroutine head_operator_fit(self, i, position, spacing, radius, point_position, &
-                                    point_normal, stencil, n_near, matrix, regular)
-    !! Kernel: the fit that made a row, again: its rows and its factorised normal matrix.
+  pure subroutine head_operator_fit(self, i, position, soil, spacing, radius, point_position, &
+                                    point_normal, point_soil, stencil, n_near, matrix, regular)
+    !! Kernel: the fit that made a row, again: its rows and its factorised normal matrix. Heads have
+    !! a kink where soils of other conductivity begin, and slopes are wanted on this side of it:
+    !! what lies in such soils is left out if the others determine a fit.
     class(head_operator_t), intent(in) :: self
     integer, intent(in) :: i                                  !! particle
     real(wp), intent(in) :: position(:, :)                    !! of particles [m]
+    real(wp), intent(in) :: soil(:), point_soil(:)
+    !! conductivities of the soils that particles and surface points are of [m/s]
     real(wp), intent(in) :: spacing, radius                   !! dx [m], R/dx [-]
     real(wp), intent(in) :: point_position(:, :), point_normal(:, :)   !! of surface points
     type(stencil_t), intent(inout) :: stencil
     integer, intent(out) :: n_near        !! the first rows are particles, the others surface points
     real(wp), intent(out) :: matrix(n_basis, n_basis)
     logical, intent(out) :: regular
-    real(wp) :: r(ndim)
+    real(wp) :: r(ndim), weight(max_rows)   ! of what lies in the particle's own soil
     integer :: k, first, b
 
     first = self%row_start(i)
@@ -519,16 +523,39 @@ contains
         call set_row(stencil, stencil%n, r, radius, point_normal(:, b))
       end if
     end do
-    call normal_matrix(stencil, stencil%weight(:stencil%n), matrix)
+    weight(:stencil%n) = stencil%weight(:stencil%n)
+    do k = 1, stencil%n
+      if (k <= n_near) then
+        if (is_other(soil(self%column(first + k - 1)), soil(i))) weight(k) = 0.0_wp
+      else
+        b = self%boundary_point(self%boundary_start(i) + k - n_near - 1)
+        if (is_other(point_soil(b), soil(i))) weight(k) = 0.0_wp
+      end if
+    end do
+    call normal_matrix(stencil, weight(:stencil%n), matrix)
     call factorise(n_basis, matrix, regular)
+    if (regular) then
+      stencil%weight(:stencil%n) = weight(:stencil%n)
+    else
+      call normal_matrix(stencil, stencil%weight(:stencil%n), matrix)
+      call factorise(n_basis, matrix, regular)
+    end if
   end subroutine head_operator_fit
 
-  pure subroutine head_operator_flux(self, position, conductivity, spacing, radius, &
-                                     point_position, point_normal, head, datum, flux)
+  pure elemental logical function is_other(a, b)
+    !! Are these conductivities of different soils?
+    real(wp), intent(in) :: a, b   !! [m/s]
+
+    is_other = abs(a - b) > 0.0_wp
+  end function is_other
+
+  pure subroutine head_operator_flux(self, position, conductivity, soil, spacing, radius, &
+                                     point_position, point_normal, point_soil, head, datum, flux)
     !! Kernel: Darcy flux w = -k grad h of owned particles, from the first derivatives of the same
     !! fits; 0 where a row has no fit. For output, so the fits are made again instead of stored.
     class(head_operator_t), intent(in) :: self
     real(wp), intent(in) :: position(:, :), conductivity(:)   !! of particles [m], [m/s]
+    real(wp), intent(in) :: soil(:), point_soil(:)            !! as for `fit` [m/s]
     real(wp), intent(in) :: spacing, radius                   !! dx [m], R/dx [-]
     real(wp), intent(in) :: point_position(:, :), point_normal(:, :)   !! of surface points
     real(wp), intent(in) :: head(:), datum(:)                 !! as for `apply`
@@ -540,8 +567,8 @@ contains
 
     do i = 1, self%n_row
       flux(:, i) = 0.0_wp
-      call self%fit(i, position, spacing, radius, point_position, point_normal, stencil, n_near, &
-                    matrix, regular)
+      call self%fit(i, position, soil, spacing, radius, point_position, point_normal, point_soil, &
+                    stencil, n_near, matrix, regular)
       if (.not. regular) cycle
       first = self%row_start(i)
       right = 0.0_wp

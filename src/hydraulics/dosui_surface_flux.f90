@@ -3,8 +3,8 @@
 !!
 !! The scheme itself needs neither: this is what the water balance and seepage faces measure with.
 !! The fit of the particle's row of the head operator is evaluated at the point, one-sided from
-!! inside. Where several particles are equally near, each has its share, so that the result does
-!! not depend on the ranks.
+!! inside, and from the particle's own soil. Where several particles are equally near, each has its
+!! share, so that the result does not depend on the ranks.
 module dosui_surface_flux
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim
@@ -33,14 +33,15 @@ module dosui_surface_flux
 
 contains
 
-  subroutine surface_flux_build(self, comm, operator, position, conductivity, spacing, radius, &
-                                point_map, point_position, point_normal, point_kind, wanted, &
-                                point_start, point_neighbour)
+  subroutine surface_flux_build(self, comm, operator, position, conductivity, soil, spacing, &
+                                radius, point_map, point_position, point_normal, point_soil, &
+                                point_kind, wanted, point_start, point_neighbour)
     !! Finds the particles and their coefficients. Collective.
     class(surface_flux_t), intent(inout) :: self
     type(communicator_t), intent(in) :: comm
     type(head_operator_t), intent(in) :: operator
     real(wp), intent(in) :: position(:, :), conductivity(:)   !! of particles [m], [m/s]
+    real(wp), intent(in) :: soil(:), point_soil(:)            !! as for the operator's `fit` [m/s]
     real(wp), intent(in) :: spacing, radius                   !! dx [m], R/dx [-]
     type(index_map_t), intent(inout) :: point_map             !! of the surface points
     real(wp), intent(in) :: point_position(:, :), point_normal(:, :)   !! with ghosts
@@ -72,8 +73,8 @@ contains
     self%share = [(1.0_wp/pairs(self%point(e)), e=1, self%n)]
     do e = 1, self%n
       call evaluate(operator, self%particle(e), self%point(e), self%is_head(e), position, &
-                    conductivity(self%particle(e)), spacing, radius, point_position, &
-                    point_normal, self%coefficient(self%start(e):self%start(e + 1) - 1))
+                    conductivity(self%particle(e)), soil, spacing, radius, point_position, &
+                    point_normal, point_soil, self%coefficient(self%start(e):self%start(e + 1) - 1))
     end do
   end subroutine surface_flux_build
 
@@ -126,14 +127,15 @@ contains
         operator%boundary_start(i)
   end function entries_of_row
 
-  pure subroutine evaluate(operator, i, b, is_head, position, conductivity, spacing, radius, &
-                           point_position, point_normal, coefficient)
+  pure subroutine evaluate(operator, i, b, is_head, position, conductivity, soil, spacing, radius, &
+                           point_position, point_normal, point_soil, coefficient)
     !! Kernel: outward flux -k dh/dn at a point, or its head above the particle's, in terms of the
     !! row's heads and fluxes.
     type(head_operator_t), intent(in) :: operator
     integer, intent(in) :: i, b                          !! particle, surface point
     logical, intent(in) :: is_head                       !! of the point: its flux is wanted
     real(wp), intent(in) :: position(:, :), conductivity, spacing, radius
+    real(wp), intent(in) :: soil(:), point_soil(:)
     real(wp), intent(in) :: point_position(:, :), point_normal(:, :)
     real(wp), intent(out) :: coefficient(:)
     type(stencil_t) :: stencil
@@ -142,8 +144,8 @@ contains
     logical :: regular
 
     coefficient = 0.0_wp
-    call operator%fit(i, position, spacing, radius, point_position, point_normal, stencil, n_near, &
-                      matrix, regular)
+    call operator%fit(i, position, soil, spacing, radius, point_position, point_normal, &
+                      point_soil, stencil, n_near, matrix, regular)
     if (.not. regular) return
     n_listed = operator%row_start(i + 1) - operator%row_start(i)
     form = quadratic_basis((point_position(:, b) - position(:, i))/spacing)

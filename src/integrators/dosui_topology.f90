@@ -26,7 +26,7 @@ module dosui_topology
   use dosui_surface_sets, only: index_of, set_holds, set_width, sets_meet, wall_set
   use dosui_text, only: to_text
   use dosui_transfer_filter, only: spread_filter_times
-  use dosui_water_step, only: set_surface_data
+  use dosui_water_step, only: set_surface_data, soil_conductivities
   implicit none
   private
 
@@ -754,6 +754,7 @@ contains
     integer, allocatable :: row_start(:), neighbour(:), point_start(:), point_neighbour(:)
     integer, allocatable :: patch(:), barrier(:)
     logical, allocatable :: has_head(:)
+    real(wp), allocatable :: soil(:), point_soil(:)
     real(wp) :: radius
     integer :: n, n_local, m, m_local, surface_handle
 
@@ -805,11 +806,12 @@ contains
                                      model%scene%water%support_radius, m_local, xs(:, 1:m_local), &
                                      field(model%s%normal)%values(:, 1:m_local), patch, &
                                      model%hydraulic_conditions%kind, point_start, point_neighbour)
+      call soil_conductivities(model, soil, point_soil)
       call model%surface_flux%build(model%comm, model%head_operator, x(:, 1:n_local), &
-                                    k(1, 1:n_local), model%spacing, &
+                                    k(1, 1:n_local), soil, model%spacing, &
                                     model%scene%water%support_radius, model%surface_map, &
                                     xs(:, 1:m_local), field(model%s%normal)%values(:, 1:m_local), &
-                                    model%hydraulic_conditions%kind, &
+                                    point_soil, model%hydraulic_conditions%kind, &
                                     model%hydraulic_conditions%kind == kind_head .or. &
                                     model%hydraulic_conditions%may_switch, point_start, &
                                     point_neighbour)

@@ -13,7 +13,7 @@ module dosui_water_step
   private
 
   public :: find_flow, add_sources, update_pressure, head_of_particles, darcy_velocity, water_rate, &
-            prepare_flow, set_surface_data, surface_elevation
+            prepare_flow, set_surface_data, surface_elevation, soil_conductivities
 
 contains
 
@@ -332,12 +332,28 @@ contains
     end do
   end subroutine hold_heads
 
+  subroutine soil_conductivities(model, soil, point_soil)
+    !! Conductivities that the scene gives to the soils of particles and of surface points, ghosts
+    !! too: they tell where another soil begins. Collective.
+    type(model_t), intent(inout) :: model
+    real(wp), allocatable, intent(out) :: soil(:), point_soil(:)   !! [m/s]
+
+    associate (k => model%scene%material%hydraulic_conductivity, n => model%particles%count)
+      allocate (soil(n + model%particles%ghost_count))
+      soil(1:n) = k(nint(model%particles%field(model%p%material)%values(1, 1:n)))
+      call model%particle_map%gather(model%comm, 1, soil)
+      allocate (point_soil(model%surface%count + model%surface%ghost_count), source=k(1))
+      if (model%s%material == 0) return   ! all alike
+      point_soil = k(nint(model%surface%field(model%s%material)%values(1, 1:size(point_soil))))
+    end associate
+  end subroutine soil_conductivities
+
   subroutine darcy_velocity(model, flux)
     !! Darcy velocity of owned particles for output, from first-order MLS gradients of the head
     !! that see the surfaces' heads and fluxes [m/s].
     type(model_t), intent(inout) :: model
     real(wp), allocatable, intent(out) :: flux(:, :)   !! (ndim, n)
-    real(wp), allocatable :: head(:), conductivity(:)
+    real(wp), allocatable :: head(:), conductivity(:), soil(:), point_soil(:)
     integer :: particle_place, surface_place   ! handles of positions
     integer :: n
 
@@ -358,11 +374,12 @@ contains
     if (model%scene%water%operator == 'two_pass') then
       call model%two_pass%flux(head, model%hydraulic_conditions%datum, flux)
     else
+      call soil_conductivities(model, soil, point_soil)
       call model%head_operator%flux(model%particles%field(particle_place)%values, &
-                                    conductivity, model%spacing, &
+                                    conductivity, soil, model%spacing, &
                                     model%scene%water%support_radius, &
                                     model%surface%field(surface_place)%values, &
-                                    model%surface%field(model%s%normal)%values, head, &
+                                    model%surface%field(model%s%normal)%values, point_soil, head, &
                                     model%hydraulic_conditions%datum, flux)
     end if
   end subroutine darcy_velocity

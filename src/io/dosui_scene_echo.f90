@@ -30,9 +30,11 @@ module dosui_scene_echo
   end type buffer_t
 
   type, extends(key_visitor_t) :: writer_t
-    !! Collects the entries of a group instance.
+    !! Collects the entries of a group instance, or only writes their statements.
     type(entry_t), allocatable :: item(:)
     integer :: n = 0
+    logical :: is_echo = .false.   ! no items, but lines of text
+    type(buffer_t) :: echo
   contains
     procedure :: real => write_real
     procedure :: integer => write_integer
@@ -54,29 +56,21 @@ contains
     type(group_t), allocatable :: groups(:)
     type(writer_t) :: writer
     type(scene_t) :: copy   ! visitors may change what they see; this one does not
-    type(buffer_t) :: buffer
-    integer :: g, instance, k
+    integer :: g, instance
 
     copy = scene
-    allocate (writer%item(64))
-    call buffer%add('! the scene with every value in force'//newline)
+    writer%is_echo = .true.
+    call writer%echo%add('! the scene with every value in force'//newline)
     groups = scene_groups()
     do g = 1, size(groups)
       if (.not. is_in_force(scene, groups(g)%name)) cycle
       do instance = 1, group_size(scene, groups(g)%name)
-        writer%n = 0
+        call writer%echo%add(newline//'&'//groups(g)%name//newline)
         call visit_group(writer, copy, groups(g)%name, instance)
-        call buffer%add(newline//'&'//groups(g)%name//newline)
-        do k = 1, writer%n
-          if (.not. writer%item(k)%key%applies) cycle
-          call buffer%add('  ')
-          call buffer%add(writer%item(k)%statement)
-          call buffer%add(newline)
-        end do
-        call buffer%add('/'//newline)
+        call writer%echo%add('/'//newline)
       end do
     end do
-    text = buffer%text(:buffer%n)
+    text = writer%echo%text(:writer%echo%n)
   end subroutine write_echo
 
   pure subroutine buffer_add(self, text)
@@ -131,16 +125,35 @@ contains
     character(len=*), intent(in) :: value
     character(len=*), intent(in) :: note
 
+    if (self%is_echo .and. .not. key%applies) return
+    if (len(value) > 0) then
+      call add_entry(self, key, value, note, key%name//' = '//value)
+    else if (len(key%fallback) > 0) then
+      call add_entry(self, key, value, note, '! '//key%name//': '//key%fallback)
+    else
+      call add_entry(self, key, value, note, '! '//key%name//': '//note)
+    end if
+  end subroutine append
+
+  subroutine add_entry(self, key, value, note, statement)
+    !! Adds an entry with its statement.
+    class(writer_t), intent(inout) :: self
+    type(key_t), intent(in) :: key
+    character(len=*), intent(in) :: value, note, statement
+
+    if (self%is_echo) then
+      if (key%applies) call self%echo%add('  '//statement//newline)
+      return
+    end if
     self%n = self%n + 1
     associate (item => self%item(self%n))
       item%key = key
       item%value = value
       item%note = note
       if (len(key%fallback) > 0) item%note = key%fallback
-      item%statement = key%name//' = '//value
-      if (len(value) == 0) item%statement = '! '//key%name//': '//item%note
+      item%statement = statement
     end associate
-  end subroutine append
+  end subroutine add_entry
 
   subroutine write_real(self, value, key)
     class(writer_t), intent(inout) :: self
@@ -210,24 +223,23 @@ contains
     class(writer_t), intent(inout) :: self
     real(wp), intent(inout) :: value(:)
     type(key_t), intent(in) :: key
+    character(len=:), allocatable :: statement
     logical :: is_limited(size(value))
     integer :: k
 
-    do k = 1, size(value)
-      is_limited(k) = len(real_text(value(k))) > 0
-    end do
+    is_limited = abs(value) < huge(value)
     if (all(is_limited)) then
       call append(self, key, joined(value), '')
-    else
+    else if (.not. any(is_limited)) then
       call append(self, key, '', 'unlimited')
-      if (.not. any(is_limited)) return
-      self%item(self%n)%statement = ''
+    else
+      statement = ''
       do k = 1, size(value)
-        if (is_limited(k)) self%item(self%n)%statement = self%item(self%n)%statement// &
-                                         key%name//'('//to_text(k)//') = '//real_text(value(k))//' '
+        if (is_limited(k)) statement = statement//key%name//'('//to_text(k)//') = '// &
+                                       real_text(value(k))//' '
       end do
-      self%item(self%n)%statement = trim(self%item(self%n)%statement)
-      self%item(self%n)%value = self%item(self%n)%statement
+      statement = trim(statement)
+      call add_entry(self, key, statement, 'unlimited', statement)
     end if
   end subroutine write_vector
 
@@ -263,6 +275,10 @@ contains
     type(buffer_t) :: buffer
     integer :: k, first
 
+    if (size(values) == 1) then
+      text = to_text(values(1))
+      return
+    end if
     call buffer%add('')
     first = 0   ! what stands before the present line
     do k = 1, size(values)

@@ -32,6 +32,7 @@ contains
     character(len=:), allocatable, intent(inout) :: problems
     type(face_t), allocatable :: faces(:)
     logical, allocatable :: touched(:)
+    real(wp), allocatable :: number(:)   ! of ranks that have points of each surface
     integer :: rank(size(scene%surface))
     integer(i8) :: id
     integer :: r, f, s, patch
@@ -49,13 +50,36 @@ contains
       end do
     end do
     if (allocated(scene%barrier)) call seed_barriers(comm, scene, patch, id, points, handles)
-    do s = 1, size(scene%surface)
-      if (comm%any(touched(s))) cycle
-      if (scene%surface(s)%face == 'free' .and. handles%free > 0) cycle   ! it may come to be
-      problems = problems//"&surface '"//trim(scene%surface(s)%name)// &
-                 "' touches no particle: check region, face and box"//new_line('a')
-    end do
+    number = merge(1.0_wp, 0.0_wp, touched)
+    call comm%sum_array(number)
+    if (handles%free > 0) then   ! free ones may come to be
+      where (scene%surface%face == 'free') number = 1.0_wp
+    end if
+    call tell_untouched(scene, pack([(s, s=1, size(number))], number <= 0.0_wp), problems)
   end subroutine seed_boundary_points
+
+  subroutine tell_untouched(scene, missing, problems)
+    !! One problem for each of many surfaces without a point: the text is made in one piece.
+    type(scene_t), intent(in) :: scene
+    integer, intent(in) :: missing(:)   !! surfaces
+    character(len=:), allocatable, intent(inout) :: problems
+    character(len=*), parameter :: before = "&surface '"
+    character(len=*), parameter :: &
+      after = "' touches no particle: check region, face and box"//new_line('a')
+    character(len=:), allocatable :: text
+    integer :: k, n
+
+    n = 0
+    allocate (character(len=sum(len_trim(scene%surface(missing)%name)) + &
+                        size(missing)*(len(before) + len(after))) :: text)
+    do k = 1, size(missing)
+      associate (line => before//trim(scene%surface(missing(k))%name)//after)
+        text(n + 1:n + len(line)) = line
+        n = n + len(line)
+      end associate
+    end do
+    problems = problems//text
+  end subroutine tell_untouched
 
   subroutine end_at_boxes(scene, r, rank, face)
     !! Lets pieces end where surfaces that conditions use do.

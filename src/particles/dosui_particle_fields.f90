@@ -48,7 +48,7 @@ module dosui_particle_fields
     integer :: deformation = 0        !! F as for particles, finite strains [-]
     integer :: reference_area = 0     !! outward area before any deformation, finite strains [m2]
     integer :: has_head = 0           !! 1 where a point that may switch has a head now [-]
-    integer :: material = 0           !! of the region, in scenes with suction [-]
+    integer :: material = 0           !! of the region, with suction or soils of unlike k [-]
     integer :: inertia_rate = 0       !! outward flow by the water's inertia in the last step [m/s]
     integer :: held = 0               !! normal that walls hold, of triangulated bodies [-]
     integer :: edge = 0               !! that span the piece, bodies at rest in 3-D; 0: unknown [m]
@@ -66,6 +66,7 @@ module dosui_particle_fields
     logical :: projected = .false.     !! pressures by projection, then rigid walls
     logical :: switching = .false.     !! surface points may change between head and flux
     logical :: unsaturated = .false.   !! suction empties pores
+    logical :: layered = .false.       !! soils of several conductivities
     logical :: finds_surface = .false. !! free surfaces are found as bodies move
     integer :: n_state = 0             !! state variables of the materials
     integer :: n_surface = 0           !! surfaces that the scene names
@@ -137,7 +138,8 @@ contains
       set%add('position_at_build', 'm', ndim, yes, yes, no, yes)
     if (needs%updated) handles%outward_area = set%add('outward_area', 'm2', ndim, yes, no, no, yes)
     if (needs%switching) handles%has_head = set%add('has_head', '-', 1, yes, yes, no, yes)
-    if (needs%unsaturated) handles%material = set%add('material', '-', 1, yes, yes, no, yes)
+    if (needs%unsaturated .or. needs%layered) handles%material = &
+      set%add('material', '-', 1, yes, yes, no, yes)
     if (needs%inertia) handles%inertia_rate = set%add('inertia_rate', 'm/s', 1, yes, no, no, yes)
     if (needs%triangulated) handles%held = set%add('held', '-', ndim, yes, no, no, yes)
     if (ndim == 3 .and. .not. needs%updated) then

@@ -1,8 +1,10 @@
-"""Two layers whose conductivities differ a millionfold, against the eigenfunctions."""
+"""Layers of unlike conductivity: eigenfunctions, steady flow across, balances at contacts."""
 
 from __future__ import annotations
 
 import functools
+import random
+import re
 
 import numpy as np
 import pytest
@@ -125,3 +127,63 @@ def test_layers(dosui: Runner, base: float, top: float, dimension: int) -> None:
     assert fine.max() <= 2.5e-3
     assert fine[:3].max() <= 1e-3
     assert np.all(coarse[:3] / fine[:3] >= 3.0)  # harmonic means: first order at the interface
+
+
+def across(low: float, high: float, contact: float) -> str:
+    """Steady flow down through two layers; heads 1 m above, 0 below."""
+    return f"""&scene dimension = 2 integrator = 'quasi_static' /
+&grid spacing = 0.1 /
+&time end_time = 1e13 /
+&material name = 'a' rigid = .true. hydraulic_conductivity = {low!r} /
+&material name = 'b' rigid = .true. hydraulic_conductivity = {high!r} /
+&region name = 'a' material = 'a' box_min = 0, 0 box_max = 0.6, {contact!r} /
+&region name = 'b' material = 'b' box_min = 0, {contact!r} box_max = 0.6, 1.0 /
+&surface name = 'base' region = 'a' face = 'z-' /
+&surface name = 'top' region = 'b' face = 'z+' /
+&hydraulic_condition surface = 'top' kind = 'head' value = 1.0 /
+&hydraulic_condition surface = 'base' kind = 'head' value = 0.0 /
+&output name = 'r' /
+"""
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_flow_beside_a_contact(dosui: Runner, seed: int) -> None:
+    """Darcy velocities are those of the particle's own soil, beside the contact, too."""
+    draw = random.Random(seed)
+    low, contrast, contact = 1.0e-7, 10.0 ** draw.uniform(0.3, 5.0), draw.uniform(0.3, 0.7)
+    soils = (low, low * contrast) if draw.random() < 0.5 else (low * contrast, low)
+    run = dosui(across(*soils, contact))
+    assert run.status == 0, run.stderr
+    flow = run.fields("r")["darcy_velocity"]
+    right = -1.0 / (contact / soils[0] + (1.0 - contact) / soils[1])
+    assert np.abs(flow[:, 2] / right - 1.0).max() <= 0.1
+    assert np.abs(flow[:, 0] / right).max() <= 0.02
+
+
+TILTED = """&scene dimension = 2 integrator = 'quasi_static' /
+&grid spacing = 0.1 origin = 0.013, 0.013 /
+&time end_time = 1e10 relative_tolerance = 1e-3 /
+&material name = 'a' rigid = .true. hydraulic_conductivity = 1e-7 /
+&material name = 'b' rigid = .true. hydraulic_conductivity = 1e-4 /
+&region name = 'a' material = 'a' shape = 'polygon' vertices = -1,-1, 1,-1, 1,0.6, -1,-0.6 /
+&region name = 'b' material = 'b' shape = 'polygon' vertices = -1,-0.6, 1,0.6, 1,1, -1,1 /
+&output name = 'r' /
+""" + "".join(
+    f"&surface name = '{region}{k}' region = '{region}' face = 'edge{k}' /\n"
+    f"&hydraulic_condition surface = '{region}{k}' kind = 'head' value = 1.0\n"
+    "  formula = 'min(z - 0.6*x, 0) + 0.001*max(z - 0.6*x, 0)' /\n"  # steady flow across
+    for region, k in (("a", 1), ("a", 2), ("a", 4), ("b", 2), ("b", 3), ("b", 4))
+)
+
+
+def test_contacts_are_named(dosui: Runner) -> None:
+    """A bad balance of soils that meet on a slope is the contact's, on any number of ranks."""
+    words = []
+    for ranks in (1, 3):
+        run = dosui(TILTED, ranks=ranks, folder=str(ranks))
+        assert run.status == 0, run.stderr
+        words += re.findall(
+            r"misses .* most probably at (.*) \(\d+ % .* most at (.*) m", run.stderr
+        )
+    assert words[0][0] == "the contact of 'a' with 'b'"
+    assert words[0] == words[1]

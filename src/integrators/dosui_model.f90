@@ -113,6 +113,9 @@ module dosui_model
     real(wp), allocatable :: no_state(:, :)           !! (0, n) for materials without state
     real(wp), allocatable :: tangent(:, :, :)         !! of stresses, nonlinear implicit steps [Pa]
     real(wp), allocatable :: inertia(:)               !! least inertia of nodes [kg]
+    real(wp), allocatable :: weight_shift(:)
+    !! (n_node) masses whose weight nodes bear beside that of the particles; none if all cells are
+    !! full [kg]
     real(wp), allocatable :: weight(:)                !! of particles in integrals [m3]
     real(wp), allocatable :: volume_strain(:)         !! of the step, as the water sees it [-]
     logical :: inertia_drives = .false.               !! the water's inertia counts in Darcy's law

@@ -55,7 +55,20 @@ contains
     call model%grid%node_map%scatter_add(model%comm, 1 + 2*ndim, model%nodal)
     call model%grid%node_map%gather(model%comm, 1 + 2*ndim, model%nodal)
     call model%timers%stop(model%phase%halo)
+    call shift_weight(model)
   end subroutine gather_forces
+
+  subroutine shift_weight(model)
+    !! The weight of parts of cells goes where these have it (`dosui_body_weight`).
+    type(model_t), intent(inout) :: model
+    integer :: a
+
+    if (.not. allocated(model%weight_shift)) return
+    do a = 1, ndim
+      model%nodal(1 + ndim + a, :) = model%nodal(1 + ndim + a, :) + &
+                                     model%scene%gravity(a)*model%weight_shift
+    end do
+  end subroutine shift_weight
 
   subroutine gather_loads(model)
     !! Nodal forces of weight, formulas and surfaces alone, complete on every rank.
@@ -75,6 +88,7 @@ contains
     call add_surface_forces(model)
     call model%grid%node_map%scatter_add(model%comm, 1 + 2*ndim, model%nodal)
     call model%grid%node_map%gather(model%comm, 1 + 2*ndim, model%nodal)
+    call shift_weight(model)
   end subroutine gather_loads
 
   subroutine spread_centred(model, gravity)

@@ -29,6 +29,7 @@ module dosui_cell_quadrature
   use dosui_cell_filling, only: cell_filling, filling_t
   use dosui_grid, only: grid_t
   use dosui_keys, only: pack_key
+  use dosui_least_squares, only: eliminate
   use dosui_scene, only: region_t
   use dosui_shape_functions, only: corner_hats
   use dosui_sort, only: binary_search
@@ -41,6 +42,7 @@ module dosui_cell_quadrature
   real(wp), parameter :: empty_part = 1.0e-14_wp  !! round-off of fillings [-]
   integer, parameter :: reach = 2                 !! of cells that join others
   real(wp), parameter :: steps_of_filling = 999983.0_wp   !! by which fillings differ [-]
+  real(wp), parameter :: least_factor = 0.2_wp    !! of weights that centre a cell's particles [-]
   ! odd numbers, so that round-off does not decide about halves
   real(wp), parameter :: fitted_tolerance = 1.0e-9_wp   !! [-]
   real(wp), parameter :: least_filling = 0.5_wp   !! of a cell that no surface cuts, to be full [-]
@@ -61,6 +63,8 @@ module dosui_cell_quadrature
     real(wp), allocatable :: part(:)                 !! (n_cell) volume of the filled part [m3]
     real(wp), allocatable :: share(:)     !! (n_cell) of a part in its host's strain [-]
     real(wp), allocatable :: measure(:)   !! (n_cell) W of hosts, with the parts that joined [m3]
+    real(wp), allocatable :: centre(:, :)
+    !! (ndim, n_cell) exact and not fitted: centroid of a host's parts, 0 to 1 in the host [-]
     logical, allocatable :: is_cut(:)                !! (n_cell)
     logical :: has_ragged = .false.                  !! on this rank
     logical, allocatable :: is_ragged(:)   !! (n_cell) particles stand for it, not its centre
@@ -69,6 +73,7 @@ module dosui_cell_quadrature
     procedure :: init_from_shapes => cell_quadrature_init_from_shapes
     procedure :: init_from_particles => cell_quadrature_init_from_particles
     procedure :: weigh => cell_quadrature_weigh
+    procedure :: centre_weights => cell_quadrature_centre_weights
     procedure :: strain_operator => cell_quadrature_strain_operator
     procedure :: slopes => cell_quadrature_slopes
     procedure :: strains => cell_quadrature_strains
@@ -136,7 +141,9 @@ contains
     self%has_groups = .false.
     if (allocated(self%gradient)) deallocate (self%gradient)
     if (allocated(self%member)) deallocate (self%member, self%member_start)
+    if (allocated(self%centre)) deallocate (self%centre)
     if (self%fitted) return
+    call find_centres()
     do c = 1, grid%n_cell
       if (.not. self%measure(self%host(c)) > 0.0_wp) cycle
       if (self%host(c) == c .and. self%part(c) >= self%measure(c)) cycle   ! by itself: 1
@@ -154,6 +161,27 @@ contains
     end do
 
   contains
+
+    subroutine find_centres()
+      !! Centroids of the hosts' parts. Collective.
+      integer :: h
+
+      allocate (self%centre(ndim, grid%n_cell), source=0.0_wp)
+      do c = 1, grid%n_cell
+        h = self%host(c)
+        if (number(h) > 0.5_wp) then
+          self%centre(:, h) = self%centre(:, h) + share(h)/number(h)* &
+                              (own(c)%moment + own(c)%volume* &
+                               real(grid%cell_base(:, c) - grid%cell_base(:, h), wp))
+        end if
+      end do
+      call grid%cell_map%scatter_add(comm, ndim, self%centre)
+      call grid%cell_map%gather(comm, ndim, self%centre)
+      do c = 1, grid%n_cell
+        if (self%measure(c) > 0.0_wp) self%centre(:, c) = self%centre(:, c)* &
+                                                          (cell_volume/self%measure(c))
+      end do
+    end subroutine find_centres
 
     pure type(filling_t) function grain()
       !! What particles stand for that lie in a cell without body, by round-off.
@@ -401,6 +429,78 @@ contains
       weight(p) = volume(p)*(self%measure(cell(p))/sums(cell(p)))
     end do
   end subroutine cell_quadrature_weigh
+
+  subroutine cell_quadrature_centre_weights(self, comm, grid, n, cell, position, weight)
+    !! Weights whose centre is that of what the particles stand for, with the same sum in every
+    !! cell: means of stresses and pressures that are linear, as under own weight, are then those
+    !! of the part's centroid, where its mean strain is that of a linear field, too.
+    !!
+    !! w (1 + a.(x - X)) with the slope a that moves the centre X of a cell's weights to the
+    !! centroid, as far as every factor stays above `least_factor`; nothing where particles do not
+    !! span all directions. Nothing where all cells are full. Collective.
+    class(cell_quadrature_t), intent(in) :: self
+    type(communicator_t), intent(in) :: comm
+    type(grid_t), intent(inout) :: grid
+    integer, intent(in) :: n
+    integer, intent(in) :: cell(n)
+    real(wp), intent(in) :: position(ndim, n)   !! [m]
+    real(wp), intent(inout) :: weight(n)        !! [m3]
+    integer, parameter :: width = 1 + ndim + ndim**2
+    real(wp), allocatable :: sums(:, :), slope(:, :), least(:, :)
+    real(wp) :: x(ndim), matrix(ndim, ndim)
+    logical :: regular
+    integer :: p, c, a
+
+    if (.not. self%exact .or. self%fitted) return
+    allocate (sums(width, grid%n_cell), slope(ndim, grid%n_cell), least(1, grid%n_cell), &
+              source=0.0_wp)
+    do p = 1, n   ! moments about the centroid
+      x = place_of(p)
+      sums(:, cell(p)) = sums(:, cell(p)) + &
+                         weight(p)*[1.0_wp, x, [(x(a)*x, a=1, ndim)]]
+    end do
+    call grid%cell_map%scatter_add(comm, width, sums)
+    call grid%cell_map%gather(comm, width, sums)
+    do c = 1, grid%n_cell
+      if (.not. sums(1, c) > 0.0_wp) cycle
+      sums(2:, c) = sums(2:, c)/sums(1, c)
+      matrix = reshape(sums(2 + ndim:, c), [ndim, ndim])
+      do a = 1, ndim
+        matrix(:, a) = matrix(:, a) - sums(2:1 + ndim, c)*sums(1 + a, c)
+      end do
+      slope(:, c) = -sums(2:1 + ndim, c)
+      call eliminate(matrix, slope(:, c), regular)
+      if (.not. regular) slope(:, c) = 0.0_wp
+    end do
+    do p = 1, n
+      least(1, cell(p)) = min(least(1, cell(p)), change_of(p))
+    end do
+    call grid%cell_map%scatter_min(comm, 1, least)
+    call grid%cell_map%gather(comm, 1, least)
+    do p = 1, n
+      weight(p) = weight(p)*(1.0_wp + change_of(p)* &
+                             min(1.0_wp, (1.0_wp - least_factor)/ &
+                                 max(-least(1, cell(p)), tiny(1.0_wp))))
+    end do
+
+  contains
+
+    pure function place_of(i) result(local)
+      !! Place of a particle from the centroid [cells].
+      integer, intent(in) :: i
+      real(wp) :: local(ndim)
+
+      local = (position(:, i) - grid%origin)/grid%spacing - grid%cell_base(:, cell(i)) - &
+              self%centre(:, cell(i))
+    end function place_of
+
+    pure real(wp) function change_of(i) result(change)
+      !! a.(x - X) of a particle [-].
+      integer, intent(in) :: i
+
+      change = dot_product(slope(:, cell(i)), place_of(i) - sums(2:1 + ndim, cell(i)))
+    end function change_of
+  end subroutine cell_quadrature_centre_weights
 
   pure subroutine cell_quadrature_strain_operator(self, grid, cell, operator)
     !! C of one part: its mean strain is the product with its corners' displacements.

@@ -128,6 +128,7 @@ module dosui_model
     real(wp), allocatable :: inverse_deformation(:, :, :)   !! F^-1 of finite strains [-]
     real(wp), allocatable :: own_volume(:)   !! weight without averages, of finite strains [m3]
     real(wp), allocatable :: filling(:)      !! weight over volume, of finite strains [-]
+    real(wp), allocatable :: centring(:)     !! its part that differs within cells [-]
     real(wp) :: density = 0.0_wp              !! mean inertial density of the body [kg/m3]
     real(wp) :: stiffest = 0.0_wp             !! largest undrained modulus M + K_w/n [Pa]
     real(wp) :: stiffest_now = 0.0_wp         !! likewise with the present porosities [Pa]

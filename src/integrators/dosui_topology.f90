@@ -691,16 +691,19 @@ contains
   subroutine find_filling(model)
     !! Factors by which undeformed particles fill their cells; they keep them. Collective.
     type(model_t), intent(inout) :: model
+    real(wp), allocatable :: even(:)   ! weights before they are centred [m3]
 
     associate (n => model%particles%count, &
                volume => model%particles%field(model%p%reference_volume)%values)
-      if (allocated(model%filling)) deallocate (model%filling)
-      allocate (model%filling(n), source=1.0_wp)
+      if (allocated(model%filling)) deallocate (model%filling, model%centring)
+      allocate (model%filling(n), model%centring(n), source=1.0_wp)
       if (.not. model%centred) return
       call model%quadrature%weigh(model%comm, model%grid, n, model%cell, volume, model%filling)
+      even = model%filling
       call model%quadrature%centre_weights(model%comm, model%grid, n, model%cell, &
                                            model%particles%field(model%p%position)%values(:, 1:n), &
                                            model%filling)
+      model%centring = model%filling/even
       model%filling = model%filling/volume(1, 1:n)
     end associate
   end subroutine find_filling

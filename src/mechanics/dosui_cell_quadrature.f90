@@ -42,7 +42,10 @@ module dosui_cell_quadrature
   real(wp), parameter :: empty_part = 1.0e-14_wp  !! round-off of fillings [-]
   integer, parameter :: reach = 2                 !! of cells that join others
   real(wp), parameter :: steps_of_filling = 999983.0_wp   !! by which fillings differ [-]
-  real(wp), parameter :: least_factor = 0.2_wp    !! of weights that centre a cell's particles [-]
+  real(wp), parameter :: least_factor = 0.1_wp    !! of weights that centre a cell's particles [-]
+  real(wp), parameter :: least_spread = 1.0e-3_wp !! variance of places that can be centred [cells2]
+  real(wp), parameter :: centred_enough = 1.0e-13_wp   !! [cells]
+  integer, parameter :: centring_limit = 40       !! Newton's steps
   ! odd numbers, so that round-off does not decide about halves
   real(wp), parameter :: fitted_tolerance = 1.0e-9_wp   !! [-]
   real(wp), parameter :: least_filling = 0.5_wp   !! of a cell that no surface cuts, to be full [-]
@@ -435,9 +438,10 @@ contains
     !! cell: means of stresses and pressures that are linear, as under own weight, are then those
     !! of the part's centroid, where its mean strain is that of a linear field, too.
     !!
-    !! w (1 + a.(x - X)) with the slope a that moves the centre X of a cell's weights to the
-    !! centroid, as far as every factor stays above `least_factor`; nothing where particles do not
-    !! span all directions. Nothing where all cells are full. Collective.
+    !! Factors exp(a.x) are those that change the weights least in the sense of entropy, and never
+    !! negative (cf. Arroyo & Ortiz 2006); Newton's method finds the slope a of every cell. It goes
+    !! as far as every factor stays above `least_factor`, and nowhere where particles hardly span
+    !! all directions. Nothing changes where all cells are full. Collective.
     class(cell_quadrature_t), intent(in) :: self
     type(communicator_t), intent(in) :: comm
     type(grid_t), intent(inout) :: grid
@@ -445,62 +449,130 @@ contains
     integer, intent(in) :: cell(n)
     real(wp), intent(in) :: position(ndim, n)   !! [m]
     real(wp), intent(inout) :: weight(n)        !! [m3]
-    integer, parameter :: width = 1 + ndim + ndim**2
-    real(wp), allocatable :: sums(:, :), slope(:, :), least(:, :)
-    real(wp) :: x(ndim), matrix(ndim, ndim)
-    logical :: regular
-    integer :: p, c, a
+    real(wp), allocatable :: place(:, :), slope(:, :), factor(:), way(:, :)
+    logical, allocatable :: is_done(:)
+    integer :: p, iteration
 
     if (.not. self%exact .or. self%fitted) return
-    allocate (sums(width, grid%n_cell), slope(ndim, grid%n_cell), least(1, grid%n_cell), &
-              source=0.0_wp)
-    do p = 1, n   ! moments about the centroid
-      x = place_of(p)
-      sums(:, cell(p)) = sums(:, cell(p)) + &
-                         weight(p)*[1.0_wp, x, [(x(a)*x, a=1, ndim)]]
+    allocate (place(ndim, n), factor(n), slope(1 + ndim, grid%n_cell), way(1, grid%n_cell))
+    allocate (is_done(grid%n_cell), source=.false.)
+    factor = 1.0_wp
+    do p = 1, n   ! from the centroid [cells]
+      place(:, p) = (position(:, p) - grid%origin)/grid%spacing - grid%cell_base(:, cell(p)) - &
+                    self%centre(:, cell(p))
     end do
-    call grid%cell_map%scatter_add(comm, width, sums)
-    call grid%cell_map%gather(comm, width, sums)
-    do c = 1, grid%n_cell
-      if (.not. sums(1, c) > 0.0_wp) cycle
-      sums(2:, c) = sums(2:, c)/sums(1, c)
-      matrix = reshape(sums(2 + ndim:, c), [ndim, ndim])
-      do a = 1, ndim
-        matrix(:, a) = matrix(:, a) - sums(2:1 + ndim, c)*sums(1 + a, c)
+    do iteration = 1, centring_limit
+      call find_slopes(comm, grid, n, cell, place, weight*factor, is_done, slope)
+      if (.not. comm%any(.not. all(is_done))) exit
+      way = 1.0_wp   ! as far as no factor falls too low
+      do p = 1, n
+        associate (change => log_change(p))
+          if (factor(p)*exp(change) < least_factor) then
+            way(1, cell(p)) = min(way(1, cell(p)), log(least_factor/factor(p))/change)
+          end if
+        end associate
       end do
-      slope(:, c) = -sums(2:1 + ndim, c)
-      call eliminate(matrix, slope(:, c), regular)
-      if (.not. regular) slope(:, c) = 0.0_wp
+      call grid%cell_map%scatter_min(comm, 1, way)
+      call grid%cell_map%gather(comm, 1, way)
+      do p = 1, n
+        factor(p) = factor(p)*exp(way(1, cell(p))*log_change(p))
+      end do
+      is_done = is_done .or. way(1, :) < 1.0_wp
     end do
-    do p = 1, n
-      least(1, cell(p)) = min(least(1, cell(p)), change_of(p))
-    end do
-    call grid%cell_map%scatter_min(comm, 1, least)
-    call grid%cell_map%gather(comm, 1, least)
-    do p = 1, n
-      weight(p) = weight(p)*(1.0_wp + change_of(p)* &
-                             min(1.0_wp, (1.0_wp - least_factor)/ &
-                                 max(-least(1, cell(p)), tiny(1.0_wp))))
-    end do
+    call keep_sums(comm, grid, n, cell, factor, weight)
 
   contains
 
-    pure function place_of(i) result(local)
-      !! Place of a particle from the centroid [cells].
-      integer, intent(in) :: i
-      real(wp) :: local(ndim)
-
-      local = (position(:, i) - grid%origin)/grid%spacing - grid%cell_base(:, cell(i)) - &
-              self%centre(:, cell(i))
-    end function place_of
-
-    pure real(wp) function change_of(i) result(change)
-      !! a.(x - X) of a particle [-].
+    pure real(wp) function log_change(i) result(change)
+      !! What a Newton step adds to the logarithm of a particle's factor.
       integer, intent(in) :: i
 
-      change = dot_product(slope(:, cell(i)), place_of(i) - sums(2:1 + ndim, cell(i)))
-    end function change_of
+      change = max(slope(1, cell(i)) + dot_product(slope(2:, cell(i)), place(:, i)), -1.0_wp)
+    end function log_change
   end subroutine cell_quadrature_centre_weights
+
+  subroutine find_slopes(comm, grid, n, cell, place, weight, is_done, slope)
+    !! Newton's steps a of factors exp(a.(x - X)), as -a.X and a; 0 in cells that are done, where
+    !! the centre X of the weights is the origin or particles do not span. Collective.
+    type(communicator_t), intent(in) :: comm
+    type(grid_t), intent(inout) :: grid
+    integer, intent(in) :: n, cell(n)
+    real(wp), intent(in) :: place(ndim, n)        !! [cells]
+    real(wp), intent(in) :: weight(n)
+    logical, intent(inout) :: is_done(grid%n_cell)
+    real(wp), intent(out) :: slope(1 + ndim, grid%n_cell)
+    integer, parameter :: width = 1 + ndim + ndim**2
+    real(wp) :: sums(width, grid%n_cell), matrix(ndim, ndim), centre(ndim)
+    logical :: regular
+    integer :: a, c, p
+
+    sums = 0.0_wp
+    do p = 1, n
+      sums(:, cell(p)) = sums(:, cell(p)) + &
+                         weight(p)*[1.0_wp, place(:, p), [(place(a, p)*place(:, p), a=1, ndim)]]
+    end do
+    call grid%cell_map%scatter_add(comm, width, sums)
+    call grid%cell_map%gather(comm, width, sums)
+    slope = 0.0_wp
+    do c = 1, grid%n_cell
+      is_done(c) = is_done(c) .or. .not. sums(1, c) > 0.0_wp
+      if (is_done(c)) cycle
+      centre = sums(2:1 + ndim, c)/sums(1, c)
+      is_done(c) = all(abs(centre) <= centred_enough)
+      if (is_done(c)) cycle
+      matrix = reshape(sums(2 + ndim:, c)/sums(1, c), [ndim, ndim])
+      do a = 1, ndim
+        matrix(:, a) = matrix(:, a) - centre*centre(a)
+      end do
+      regular = all([(matrix(a, a), a=1, ndim)] > least_spread)
+      slope(2:, c) = -centre
+      if (regular) call eliminate_spread(matrix, slope(2:, c), regular)
+      slope(1, c) = -dot_product(slope(2:, c), centre)
+      is_done(c) = .not. regular
+      if (is_done(c)) slope(:, c) = 0.0_wp
+    end do
+  end subroutine find_slopes
+
+  pure subroutine eliminate_spread(matrix, right, regular)
+    !! Solves with a covariance of places, unless they lie on a line or a plane, almost.
+    real(wp), intent(in) :: matrix(ndim, ndim)
+    real(wp), intent(inout) :: right(ndim)
+    logical, intent(out) :: regular
+    real(wp) :: work(ndim, ndim), unit(ndim)
+    integer :: a
+
+    do a = 1, ndim   ! the inverse's diagonal: one over the spread that others do not explain
+      work = matrix
+      unit = 0.0_wp
+      unit(a) = 1.0_wp
+      call eliminate(work, unit, regular)
+      if (regular) regular = unit(a)*least_spread < 1.0_wp .and. unit(a) > 0.0_wp
+      if (.not. regular) return
+    end do
+    work = matrix
+    call eliminate(work, right, regular)
+  end subroutine eliminate_spread
+
+  subroutine keep_sums(comm, grid, n, cell, factor, weight)
+    !! Weights times factors with the same sum in every cell. Collective.
+    type(communicator_t), intent(in) :: comm
+    type(grid_t), intent(inout) :: grid
+    integer, intent(in) :: n, cell(n)
+    real(wp), intent(in) :: factor(n)
+    real(wp), intent(inout) :: weight(n)
+    real(wp) :: sums(2, grid%n_cell)
+    integer :: p
+
+    sums = 0.0_wp
+    do p = 1, n
+      sums(:, cell(p)) = sums(:, cell(p)) + weight(p)*[1.0_wp, factor(p)]
+    end do
+    call grid%cell_map%scatter_add(comm, 2, sums)
+    call grid%cell_map%gather(comm, 2, sums)
+    do p = 1, n
+      weight(p) = weight(p)*factor(p)*(sums(1, cell(p))/sums(2, cell(p)))
+    end do
+  end subroutine keep_sums
 
   pure subroutine cell_quadrature_strain_operator(self, grid, cell, operator)
     !! C of one part: its mean strain is the product with its corners' displacements.

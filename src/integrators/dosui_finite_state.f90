@@ -109,7 +109,7 @@ contains
     type(model_t), intent(in) :: model
     real(wp), intent(in) :: motion(:, :)                  !! of the nodes [m]
     real(wp), intent(inout) :: deformation(:, :, :)       !! [-]
-    real(wp) :: shift(ndim, ndim, model%grid%n_cell), volume(model%grid%n_cell), weight
+    real(wp) :: shift(ndim, ndim, model%grid%n_cell), volume(model%grid%n_cell)
     real(wp), allocatable :: slope(:, :, :)
     logical :: is_used(model%grid%n_cell)
     integer :: p, c
@@ -121,10 +121,9 @@ contains
       do p = 1, model%particles%count
         c = model%cell(p)
         is_used(c) = .true.
-        weight = model%centring(p)*v0(1, p)
-        shift(:, :, c) = shift(:, :, c) - weight*(deformation(:, :, p) - &
-                                                  self%deformation(:, :, p))
-        volume(c) = volume(c) + weight
+        shift(:, :, c) = shift(:, :, c) - v0(1, p)*(deformation(:, :, p) - &
+                                                    self%deformation(:, :, p))
+        volume(c) = volume(c) + v0(1, p)
       end do
     end associate
     allocate (slope(ndim, ndim, model%grid%n_cell))

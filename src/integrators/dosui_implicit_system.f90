@@ -342,8 +342,7 @@ contains
                                    model%own_volume(particle), model%averaged, operators, &
                                    centre=strain, &
                                    inverse=model%inverse_deformation(:, :, particle), &
-                                   reference=model%centring(particle)* &
-                                             field(model%p%reference_volume)%values(1, particle), &
+                                   reference=field(model%p%reference_volume)%values(1, particle), &
                                    mean_node=node)
       end associate
     else if (model%finite) then
@@ -531,11 +530,11 @@ contains
         do p = 1, size(particle)
           k = particle(p)
           do a = 1, ndim
-            mean = mean + model%centring(k)*v0(1, k)*sigma(voigt_slot(a, a), k)/ndim
+            mean = mean + v0(1, k)*sigma(voigt_slot(a, a), k)/ndim
           end do
-          water = water + model%centring(k)*v0(1, k)*bearing(p)
+          water = water + v0(1, k)*bearing(p)
         end do
-        volume = sum(model%centring(particle)*v0(1, particle))
+        volume = sum(v0(1, particle))
         mean = mean/volume
         water = water/volume
       end if

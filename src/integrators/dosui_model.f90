@@ -113,9 +113,8 @@ module dosui_model
     real(wp), allocatable :: no_state(:, :)           !! (0, n) for materials without state
     real(wp), allocatable :: tangent(:, :, :)         !! of stresses, nonlinear implicit steps [Pa]
     real(wp), allocatable :: inertia(:)               !! least inertia of nodes [kg]
-    real(wp), allocatable :: weight_shift(:)
-    !! (n_node) masses whose weight nodes bear beside that of the particles; none if all cells are
-    !! full [kg]
+    real(wp), allocatable :: shift(:, :)
+    !! (ndim, n_node) constant forces where surfaces cut cells (`dosui_cut_weight`) [N]
     real(wp), allocatable :: weight(:)                !! of particles in integrals [m3]
     real(wp), allocatable :: volume_strain(:)         !! of the step, as the water sees it [-]
     logical :: inertia_drives = .false.               !! the water's inertia counts in Darcy's law
@@ -128,7 +127,6 @@ module dosui_model
     real(wp), allocatable :: inverse_deformation(:, :, :)   !! F^-1 of finite strains [-]
     real(wp), allocatable :: own_volume(:)   !! weight without averages, of finite strains [m3]
     real(wp), allocatable :: filling(:)      !! weight over volume, of finite strains [-]
-    real(wp), allocatable :: centring(:)     !! its part that differs within cells [-]
     real(wp) :: density = 0.0_wp              !! mean inertial density of the body [kg/m3]
     real(wp) :: stiffest = 0.0_wp             !! largest undrained modulus M + K_w/n [Pa]
     real(wp) :: stiffest_now = 0.0_wp         !! likewise with the present porosities [Pa]

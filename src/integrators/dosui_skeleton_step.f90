@@ -59,15 +59,11 @@ contains
   end subroutine gather_forces
 
   subroutine shift_weight(model)
-    !! The weight of parts of cells goes where these have it (`dosui_body_weight`).
+    !! Weight and initial stresses of parts of cells act where these have them.
     type(model_t), intent(inout) :: model
-    integer :: a
 
-    if (.not. allocated(model%weight_shift)) return
-    do a = 1, ndim
-      model%nodal(1 + ndim + a, :) = model%nodal(1 + ndim + a, :) + &
-                                     model%scene%gravity(a)*model%weight_shift
-    end do
+    if (.not. allocated(model%shift)) return
+    model%nodal(2 + ndim:, :) = model%nodal(2 + ndim:, :) + model%shift
   end subroutine shift_weight
 
   subroutine gather_loads(model)

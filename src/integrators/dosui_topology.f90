@@ -4,8 +4,8 @@ module dosui_topology
   use dosui_kinds, only: wp, i8
   use dosui_dimension, only: ndim, nsig, nshear
   use dosui_barriers, only: cut_neighbours, cut_points
-  use dosui_body_weight, only: find_weight_shift
   use dosui_cell_average, only: cell_sums
+  use dosui_cut_weight, only: build_shift
   use dosui_error, only: error_t
   use dosui_fluid_inertia, only: find_mobility, forget_inertia_flow
   use dosui_ghosts, only: find_ghosts
@@ -353,6 +353,7 @@ contains
     call build_conditions(model, handle)
     if (model%finite) call find_filling(model)
     call refresh_weights(model)
+    call build_shift(model)
     call find_least_inertia(model)
     if (model%finite) then
       handle = model%p%position_at_build
@@ -478,7 +479,6 @@ contains
       call model%grid%node_map%scatter_add(model%comm, 1 + 2*ndim, nodal)
       call model%grid%node_map%gather(model%comm, 1 + 2*ndim, nodal)
       call build_extension(model, n, patch, cell, handle)
-      call build_weight(model, patch, handle)
       if (h%edge > 0) edge = reshape(field(h%edge)%values(:, 1:m), [ndim, max(ndim - 1, 1), m])
       if (h%held > 0) held = field(h%held)%values(:, 1:m)
       at_points = model%by_force
@@ -584,26 +584,6 @@ contains
                               wanted, .false.)
   end subroutine build_extension
 
-  subroutine build_weight(model, patch, handle)
-    !! What the body weighs beside its particles, where its surface cuts cells whose stresses are
-    !! integrated over their parts. Collective.
-    type(model_t), intent(inout) :: model
-    integer, intent(in) :: patch(:)   !! of the particles where the geometry is built
-    integer, intent(in) :: handle     !! their positions
-    logical, allocatable :: is_filled(:)
-
-    if (allocated(model%weight_shift)) deallocate (model%weight_shift)
-    if (.not. model%quadrature%exact .or. model%quadrature%fitted) return
-    is_filled = model%quadrature%measure(model%quadrature%host) > 0.0_wp
-    associate (field => model%particles%field, n => model%particles%count, &
-               volume => merge(model%p%reference_volume, model%p%volume, model%finite))
-      call find_weight_shift(model%comm, model%grid, model%scene, is_filled, n, patch, &
-                             nint(field(model%p%material)%values(1, 1:n)), &
-                             field(handle)%values(:, 1:n), field(volume)%values(1, 1:n), &
-                             model%weight_shift)
-    end associate
-  end subroutine build_weight
-
   pure real(wp) function wall_modulus(model) result(modulus)
     !! The modulus that penalty walls resist: the stiffest one that steps see, as far as the
     !! skeleton can tell. Springs as stiff as real water would hold what leans a little
@@ -691,19 +671,13 @@ contains
   subroutine find_filling(model)
     !! Factors by which undeformed particles fill their cells; they keep them. Collective.
     type(model_t), intent(inout) :: model
-    real(wp), allocatable :: even(:)   ! weights before they are centred [m3]
 
     associate (n => model%particles%count, &
                volume => model%particles%field(model%p%reference_volume)%values)
-      if (allocated(model%filling)) deallocate (model%filling, model%centring)
-      allocate (model%filling(n), model%centring(n), source=1.0_wp)
+      if (allocated(model%filling)) deallocate (model%filling)
+      allocate (model%filling(n), source=1.0_wp)
       if (.not. model%centred) return
       call model%quadrature%weigh(model%comm, model%grid, n, model%cell, volume, model%filling)
-      even = model%filling
-      call model%quadrature%centre_weights(model%comm, model%grid, n, model%cell, &
-                                           model%particles%field(model%p%position)%values(:, 1:n), &
-                                           model%filling)
-      model%centring = model%filling/even
       model%filling = model%filling/volume(1, 1:n)
     end associate
   end subroutine find_filling
@@ -718,9 +692,6 @@ contains
         model%weight = model%filling*volume(1, 1:n)
       else if (model%centred) then
         call model%quadrature%weigh(model%comm, model%grid, n, model%cell, volume, model%weight)
-        call model%quadrature%centre_weights(model%comm, model%grid, n, model%cell, &
-                                             model%particles%field(model%p%position)%values(:, 1:n), &
-                                             model%weight)
       else
         model%weight = volume(1, 1:n)
       end if

@@ -29,7 +29,6 @@ module dosui_cell_quadrature
   use dosui_cell_filling, only: cell_filling, filling_t
   use dosui_grid, only: grid_t
   use dosui_keys, only: pack_key
-  use dosui_least_squares, only: eliminate
   use dosui_scene, only: region_t
   use dosui_shape_functions, only: corner_hats
   use dosui_sort, only: binary_search
@@ -42,10 +41,6 @@ module dosui_cell_quadrature
   real(wp), parameter :: empty_part = 1.0e-14_wp  !! round-off of fillings [-]
   integer, parameter :: reach = 2                 !! of cells that join others
   real(wp), parameter :: steps_of_filling = 999983.0_wp   !! by which fillings differ [-]
-  real(wp), parameter :: least_factor = 0.1_wp    !! of weights that centre a cell's particles [-]
-  real(wp), parameter :: least_spread = 1.0e-3_wp !! variance of places that can be centred [cells2]
-  real(wp), parameter :: centred_enough = 1.0e-13_wp   !! [cells]
-  integer, parameter :: centring_limit = 40       !! Newton's steps
   ! odd numbers, so that round-off does not decide about halves
   real(wp), parameter :: fitted_tolerance = 1.0e-9_wp   !! [-]
   real(wp), parameter :: least_filling = 0.5_wp   !! of a cell that no surface cuts, to be full [-]
@@ -66,8 +61,8 @@ module dosui_cell_quadrature
     real(wp), allocatable :: part(:)                 !! (n_cell) volume of the filled part [m3]
     real(wp), allocatable :: share(:)     !! (n_cell) of a part in its host's strain [-]
     real(wp), allocatable :: measure(:)   !! (n_cell) W of hosts, with the parts that joined [m3]
-    real(wp), allocatable :: centre(:, :)
-    !! (ndim, n_cell) exact and not fitted: centroid of a host's parts, 0 to 1 in the host [-]
+    real(wp), allocatable :: centroid(:, :)
+    !! (ndim, n_cell) of parts, exact and not fitted, 0 to 1 in the cell [-]
     logical, allocatable :: is_cut(:)                !! (n_cell)
     logical :: has_ragged = .false.                  !! on this rank
     logical, allocatable :: is_ragged(:)   !! (n_cell) particles stand for it, not its centre
@@ -76,7 +71,6 @@ module dosui_cell_quadrature
     procedure :: init_from_shapes => cell_quadrature_init_from_shapes
     procedure :: init_from_particles => cell_quadrature_init_from_particles
     procedure :: weigh => cell_quadrature_weigh
-    procedure :: centre_weights => cell_quadrature_centre_weights
     procedure :: strain_operator => cell_quadrature_strain_operator
     procedure :: slopes => cell_quadrature_slopes
     procedure :: strains => cell_quadrature_strains
@@ -143,48 +137,28 @@ contains
     self%group = self%host
     self%has_groups = .false.
     if (allocated(self%gradient)) deallocate (self%gradient)
+    if (allocated(self%centroid)) deallocate (self%centroid)
     if (allocated(self%member)) deallocate (self%member, self%member_start)
-    if (allocated(self%centre)) deallocate (self%centre)
     if (self%fitted) return
-    call find_centres()
     do c = 1, grid%n_cell
       if (.not. self%measure(self%host(c)) > 0.0_wp) cycle
       if (self%host(c) == c .and. self%part(c) >= self%measure(c)) cycle   ! by itself: 1
       self%share(c) = self%part(c)/self%measure(self%host(c))
     end do
     call find_groups(self, comm, grid, offset)
-    allocate (self%gradient(ndim, 2**ndim, grid%n_cell), source=0.0_wp)
+    allocate (self%gradient(ndim, 2**ndim, grid%n_cell), self%centroid(ndim, grid%n_cell), &
+              source=0.0_wp)
     do c = 1, grid%n_cell
       if (.not. own(c)%volume > 0.0_wp) cycle
       centroid = min(1.0_wp, max(0.0_wp, own(c)%moment/own(c)%volume))
       covariance = 0.0_wp
       if (ndim == 3) covariance = own(c)%mixed/own(c)%volume - &
                                   cshift(centroid, 1)*cshift(centroid, 2)
+      self%centroid(:, c) = centroid
       call hat_gradients(centroid, covariance, grid%spacing, self%gradient(:, :, c))
     end do
 
   contains
-
-    subroutine find_centres()
-      !! Centroids of the hosts' parts. Collective.
-      integer :: h
-
-      allocate (self%centre(ndim, grid%n_cell), source=0.0_wp)
-      do c = 1, grid%n_cell
-        h = self%host(c)
-        if (number(h) > 0.5_wp) then
-          self%centre(:, h) = self%centre(:, h) + share(h)/number(h)* &
-                              (own(c)%moment + own(c)%volume* &
-                               real(grid%cell_base(:, c) - grid%cell_base(:, h), wp))
-        end if
-      end do
-      call grid%cell_map%scatter_add(comm, ndim, self%centre)
-      call grid%cell_map%gather(comm, ndim, self%centre)
-      do c = 1, grid%n_cell
-        if (self%measure(c) > 0.0_wp) self%centre(:, c) = self%centre(:, c)* &
-                                                          (cell_volume/self%measure(c))
-      end do
-    end subroutine find_centres
 
     pure type(filling_t) function grain()
       !! What particles stand for that lie in a cell without body, by round-off.
@@ -432,147 +406,6 @@ contains
       weight(p) = volume(p)*(self%measure(cell(p))/sums(cell(p)))
     end do
   end subroutine cell_quadrature_weigh
-
-  subroutine cell_quadrature_centre_weights(self, comm, grid, n, cell, position, weight)
-    !! Weights whose centre is that of what the particles stand for, with the same sum in every
-    !! cell: means of stresses and pressures that are linear, as under own weight, are then those
-    !! of the part's centroid, where its mean strain is that of a linear field, too.
-    !!
-    !! Factors exp(a.x) are those that change the weights least in the sense of entropy, and never
-    !! negative (cf. Arroyo & Ortiz 2006); Newton's method finds the slope a of every cell. It goes
-    !! as far as every factor stays above `least_factor`, and nowhere where particles hardly span
-    !! all directions. Nothing changes where all cells are full. Collective.
-    class(cell_quadrature_t), intent(in) :: self
-    type(communicator_t), intent(in) :: comm
-    type(grid_t), intent(inout) :: grid
-    integer, intent(in) :: n
-    integer, intent(in) :: cell(n)
-    real(wp), intent(in) :: position(ndim, n)   !! [m]
-    real(wp), intent(inout) :: weight(n)        !! [m3]
-    real(wp), allocatable :: place(:, :), slope(:, :), factor(:), way(:, :)
-    logical, allocatable :: is_done(:)
-    integer :: p, iteration
-
-    if (.not. self%exact .or. self%fitted) return
-    allocate (place(ndim, n), factor(n), slope(1 + ndim, grid%n_cell), way(1, grid%n_cell))
-    allocate (is_done(grid%n_cell), source=.false.)
-    factor = 1.0_wp
-    do p = 1, n   ! from the centroid [cells]
-      place(:, p) = (position(:, p) - grid%origin)/grid%spacing - grid%cell_base(:, cell(p)) - &
-                    self%centre(:, cell(p))
-    end do
-    do iteration = 1, centring_limit
-      call find_slopes(comm, grid, n, cell, place, weight*factor, is_done, slope)
-      if (.not. comm%any(.not. all(is_done))) exit
-      way = 1.0_wp   ! as far as no factor falls too low
-      do p = 1, n
-        associate (change => log_change(p))
-          if (factor(p)*exp(change) < least_factor) then
-            way(1, cell(p)) = min(way(1, cell(p)), log(least_factor/factor(p))/change)
-          end if
-        end associate
-      end do
-      call grid%cell_map%scatter_min(comm, 1, way)
-      call grid%cell_map%gather(comm, 1, way)
-      do p = 1, n
-        factor(p) = factor(p)*exp(way(1, cell(p))*log_change(p))
-      end do
-      is_done = is_done .or. way(1, :) < 1.0_wp
-    end do
-    call keep_sums(comm, grid, n, cell, factor, weight)
-
-  contains
-
-    pure real(wp) function log_change(i) result(change)
-      !! What a Newton step adds to the logarithm of a particle's factor.
-      integer, intent(in) :: i
-
-      change = max(slope(1, cell(i)) + dot_product(slope(2:, cell(i)), place(:, i)), -1.0_wp)
-    end function log_change
-  end subroutine cell_quadrature_centre_weights
-
-  subroutine find_slopes(comm, grid, n, cell, place, weight, is_done, slope)
-    !! Newton's steps a of factors exp(a.(x - X)), as -a.X and a; 0 in cells that are done, where
-    !! the centre X of the weights is the origin or particles do not span. Collective.
-    type(communicator_t), intent(in) :: comm
-    type(grid_t), intent(inout) :: grid
-    integer, intent(in) :: n, cell(n)
-    real(wp), intent(in) :: place(ndim, n)        !! [cells]
-    real(wp), intent(in) :: weight(n)
-    logical, intent(inout) :: is_done(grid%n_cell)
-    real(wp), intent(out) :: slope(1 + ndim, grid%n_cell)
-    integer, parameter :: width = 1 + ndim + ndim**2
-    real(wp) :: sums(width, grid%n_cell), matrix(ndim, ndim), centre(ndim)
-    logical :: regular
-    integer :: a, c, p
-
-    sums = 0.0_wp
-    do p = 1, n
-      sums(:, cell(p)) = sums(:, cell(p)) + &
-                         weight(p)*[1.0_wp, place(:, p), [(place(a, p)*place(:, p), a=1, ndim)]]
-    end do
-    call grid%cell_map%scatter_add(comm, width, sums)
-    call grid%cell_map%gather(comm, width, sums)
-    slope = 0.0_wp
-    do c = 1, grid%n_cell
-      is_done(c) = is_done(c) .or. .not. sums(1, c) > 0.0_wp
-      if (is_done(c)) cycle
-      centre = sums(2:1 + ndim, c)/sums(1, c)
-      is_done(c) = all(abs(centre) <= centred_enough)
-      if (is_done(c)) cycle
-      matrix = reshape(sums(2 + ndim:, c)/sums(1, c), [ndim, ndim])
-      do a = 1, ndim
-        matrix(:, a) = matrix(:, a) - centre*centre(a)
-      end do
-      regular = all([(matrix(a, a), a=1, ndim)] > least_spread)
-      slope(2:, c) = -centre
-      if (regular) call eliminate_spread(matrix, slope(2:, c), regular)
-      slope(1, c) = -dot_product(slope(2:, c), centre)
-      is_done(c) = .not. regular
-      if (is_done(c)) slope(:, c) = 0.0_wp
-    end do
-  end subroutine find_slopes
-
-  pure subroutine eliminate_spread(matrix, right, regular)
-    !! Solves with a covariance of places, unless they lie on a line or a plane, almost.
-    real(wp), intent(in) :: matrix(ndim, ndim)
-    real(wp), intent(inout) :: right(ndim)
-    logical, intent(out) :: regular
-    real(wp) :: work(ndim, ndim), unit(ndim)
-    integer :: a
-
-    do a = 1, ndim   ! the inverse's diagonal: one over the spread that others do not explain
-      work = matrix
-      unit = 0.0_wp
-      unit(a) = 1.0_wp
-      call eliminate(work, unit, regular)
-      if (regular) regular = unit(a)*least_spread < 1.0_wp .and. unit(a) > 0.0_wp
-      if (.not. regular) return
-    end do
-    work = matrix
-    call eliminate(work, right, regular)
-  end subroutine eliminate_spread
-
-  subroutine keep_sums(comm, grid, n, cell, factor, weight)
-    !! Weights times factors with the same sum in every cell. Collective.
-    type(communicator_t), intent(in) :: comm
-    type(grid_t), intent(inout) :: grid
-    integer, intent(in) :: n, cell(n)
-    real(wp), intent(in) :: factor(n)
-    real(wp), intent(inout) :: weight(n)
-    real(wp) :: sums(2, grid%n_cell)
-    integer :: p
-
-    sums = 0.0_wp
-    do p = 1, n
-      sums(:, cell(p)) = sums(:, cell(p)) + weight(p)*[1.0_wp, factor(p)]
-    end do
-    call grid%cell_map%scatter_add(comm, 2, sums)
-    call grid%cell_map%gather(comm, 2, sums)
-    do p = 1, n
-      weight(p) = weight(p)*factor(p)*(sums(1, cell(p))/sums(2, cell(p)))
-    end do
-  end subroutine keep_sums
 
   pure subroutine cell_quadrature_strain_operator(self, grid, cell, operator)
     !! C of one part: its mean strain is the product with its corners' displacements.

@@ -9,17 +9,19 @@
 !! * - W_c C_c^T (sigma_0(X_c) - mean of sigma_0 over the cell's particles) for the initial stress
 !!   sigma_0 that the scene gives, and for the pore pressure, which in water at rest differs by
 !!   rho_w g.x between two points;
-!! * the same for what walls take of a cell's stress, at the middle of their pieces.
+!! * the same for what walls take of a cell's stress, at the middle of their pieces;
+!! * the particles' deviations from their cell's mean, reversed, for sigma_0: walls know means.
 !!
-!! Stresses of particles stay what they are at their own places. The second and third need
-!! undeformed cells (small strains) and, for the water, pores that are full.
+!! Stresses of particles stay what they are at their own places. All but the first need undeformed
+!! cells (small strains) and, for the water, pores that are full.
 module dosui_cut_weight
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim, nsig, voigt_slot
   use dosui_body_weight, only: find_weight_shift
-  use dosui_cell_average, only: cell_sums
+  use dosui_cell_average, only: cell_sums, cell_tensor_sums
   use dosui_initial_state, only: initial_stress_change
   use dosui_model, only: model_t
+  use dosui_particle_to_grid, only: n_nodal_row, particles_to_grid
   implicit none
   private
 
@@ -52,6 +54,7 @@ contains
     allocate (forces(ndim, model%grid%n_node), source=0.0_wp)
     call add_cells(model, is_filled, forces)
     call add_walls(model, forces)
+    call take_deviations(model, forces)
     call model%grid%node_map%scatter_add(model%comm, ndim, forces)
     call model%grid%node_map%gather(model%comm, ndim, forces)
     model%shift = model%shift + forces
@@ -90,6 +93,35 @@ contains
       end do
     end do
   end subroutine add_cells
+
+  subroutine take_deviations(model, forces)
+    !! Takes off what the particles' own deviations from their cell's mean initial stress exert:
+    !! walls and weight balance means. Collective.
+    type(model_t), intent(inout) :: model
+    real(wp), intent(inout) :: forces(:, :)   !! (ndim, n_node) of this rank [N]
+    real(wp) :: centre(ndim, model%grid%n_cell), mean(nsig, model%grid%n_cell)
+    real(wp), allocatable :: nodal(:, :), change(:, :), none(:)
+    integer :: p
+
+    call sum_places(model, centre)
+    call model%average%cell_means(model%comm, model%grid, ndim, centre)
+    associate (field => model%particles%field, h => model%p, n => model%particles%count)
+      allocate (nodal(n_nodal_row, model%grid%n_node), change(nsig, n), none(n))
+      none = 0.0_wp
+      do p = 1, n   ! of the mean over its own
+        associate (x => field(h%position)%values(:, p))
+          change(:, p) = initial_stress_change(model%scene, model%material(p), model%coupled, x, &
+                                               centre(:, model%cell(p)) - x)
+        end associate
+      end do
+      call cell_tensor_sums(n, model%cell, model%weight, change, model%grid%n_cell, mean)
+      call model%average%cell_means(model%comm, model%grid, nsig, mean)
+      call particles_to_grid(model%grid, n, model%patch, field(h%position)%values, &
+                             field(h%velocity)%values, none, model%weight, change, &
+                             model%scene%gravity, nodal, cell=model%cell, cell_stress=mean)
+    end associate
+    forces = forces + nodal(2 + ndim:, :)
+  end subroutine take_deviations
 
   subroutine add_walls(model, forces)
     !! What the walls' shares of the cells' mean stresses lack. Collective.

@@ -114,6 +114,8 @@ module dosui_model
     real(wp), allocatable :: no_state(:, :)           !! (0, n) for materials without state
     real(wp), allocatable :: tangent(:, :, :)         !! of stresses, nonlinear implicit steps [Pa]
     real(wp), allocatable :: inertia(:)               !! least inertia of nodes [kg]
+    real(wp), allocatable :: shift(:, :)
+    !! (ndim, n_node) constant forces where surfaces cut cells (`dosui_cut_weight`) [N]
     real(wp), allocatable :: weight(:)                !! of particles in integrals [m3]
     real(wp), allocatable :: volume_strain(:)         !! of the step, as the water sees it [-]
     logical :: inertia_drives = .false.               !! the water's inertia counts in Darcy's law

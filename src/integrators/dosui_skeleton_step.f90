@@ -55,7 +55,16 @@ contains
     call model%grid%node_map%scatter_add(model%comm, 1 + 2*ndim, model%nodal)
     call model%grid%node_map%gather(model%comm, 1 + 2*ndim, model%nodal)
     call model%timers%stop(model%phase%halo)
+    call shift_weight(model)
   end subroutine gather_forces
+
+  subroutine shift_weight(model)
+    !! Weight and initial stresses of parts of cells act where these have them.
+    type(model_t), intent(inout) :: model
+
+    if (.not. allocated(model%shift)) return
+    model%nodal(2 + ndim:, :) = model%nodal(2 + ndim:, :) + model%shift
+  end subroutine shift_weight
 
   subroutine gather_loads(model)
     !! Nodal forces of weight, formulas and surfaces alone, complete on every rank.
@@ -75,6 +84,7 @@ contains
     call add_surface_forces(model)
     call model%grid%node_map%scatter_add(model%comm, 1 + 2*ndim, model%nodal)
     call model%grid%node_map%gather(model%comm, 1 + 2*ndim, model%nodal)
+    call shift_weight(model)
   end subroutine gather_loads
 
   subroutine spread_centred(model, gravity)

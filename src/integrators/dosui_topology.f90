@@ -5,6 +5,7 @@ module dosui_topology
   use dosui_dimension, only: ndim, nsig, nshear
   use dosui_barriers, only: cut_neighbours, cut_points
   use dosui_cell_average, only: cell_sums
+  use dosui_cut_weight, only: build_shift
   use dosui_error, only: error_t
   use dosui_fluid_inertia, only: find_mobility, forget_inertia_flow
   use dosui_ghosts, only: find_ghosts
@@ -352,6 +353,7 @@ contains
     call build_conditions(model, handle)
     if (model%finite) call find_filling(model)
     call refresh_weights(model)
+    call build_shift(model)
     call find_least_inertia(model)
     if (model%finite) then
       handle = model%p%position_at_build

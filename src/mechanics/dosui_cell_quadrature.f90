@@ -61,6 +61,8 @@ module dosui_cell_quadrature
     real(wp), allocatable :: part(:)                 !! (n_cell) volume of the filled part [m3]
     real(wp), allocatable :: share(:)     !! (n_cell) of a part in its host's strain [-]
     real(wp), allocatable :: measure(:)   !! (n_cell) W of hosts, with the parts that joined [m3]
+    real(wp), allocatable :: centroid(:, :)
+    !! (ndim, n_cell) of parts, exact and not fitted, 0 to 1 in the cell [-]
     logical, allocatable :: is_cut(:)                !! (n_cell)
     logical :: has_ragged = .false.                  !! on this rank
     logical, allocatable :: is_ragged(:)   !! (n_cell) particles stand for it, not its centre
@@ -135,6 +137,7 @@ contains
     self%group = self%host
     self%has_groups = .false.
     if (allocated(self%gradient)) deallocate (self%gradient)
+    if (allocated(self%centroid)) deallocate (self%centroid)
     if (allocated(self%member)) deallocate (self%member, self%member_start)
     if (self%fitted) return
     do c = 1, grid%n_cell
@@ -143,13 +146,15 @@ contains
       self%share(c) = self%part(c)/self%measure(self%host(c))
     end do
     call find_groups(self, comm, grid, offset)
-    allocate (self%gradient(ndim, 2**ndim, grid%n_cell), source=0.0_wp)
+    allocate (self%gradient(ndim, 2**ndim, grid%n_cell), self%centroid(ndim, grid%n_cell), &
+              source=0.0_wp)
     do c = 1, grid%n_cell
       if (.not. own(c)%volume > 0.0_wp) cycle
       centroid = min(1.0_wp, max(0.0_wp, own(c)%moment/own(c)%volume))
       covariance = 0.0_wp
       if (ndim == 3) covariance = own(c)%mixed/own(c)%volume - &
                                   cshift(centroid, 1)*cshift(centroid, 2)
+      self%centroid(:, c) = centroid
       call hat_gradients(centroid, covariance, grid%spacing, self%gradient(:, :, c))
     end do
 

@@ -17,7 +17,7 @@ module dosui_cell_filling
     real(wp) :: volume = 0.0_wp           !! over that of the cell [-]
     real(wp) :: moment(ndim) = 0.0_wp     !! of the coordinates [-]
     real(wp) :: mixed(ndim) = 0.0_wp
-    !! of the product of the other two coordinates, in 3-D only [-]
+    !! of the product of the other two coordinates in 3-D; in 2-D the last is that of both [-]
   contains
     procedure :: add => filling_add
   end type filling_t
@@ -40,6 +40,10 @@ contains
         self%mixed(d) = self%mixed(d) + other%mixed(d) + s(a)*other%moment(b) + &
                         s(b)*other%moment(a) + s(a)*s(b)*other%volume
       end do
+    end if
+    if (ndim == 2) then
+      self%mixed(ndim) = self%mixed(ndim) + other%mixed(ndim) + s(1)*other%moment(ndim) + &
+                         s(ndim)*other%moment(1) + s(1)*s(ndim)*other%volume
     end if
     self%moment = self%moment + other%moment + s*other%volume
     self%volume = self%volume + other%volume

@@ -10,7 +10,7 @@ module dosui_initial_state
   implicit none
   private
 
-  public :: apply_initial_state
+  public :: apply_initial_state, initial_stress_change
 
   real(wp), parameter :: pi = acos(-1.0_wp)
 
@@ -42,27 +42,14 @@ contains
     type(point_set_t), intent(inout) :: particles
     type(particle_handles_t), intent(in) :: handles
     integer, intent(in) :: p
-    real(wp) :: position(ndim), stress(6), density, foot, head
+    real(wp) :: position(ndim), stress(6), foot, head
     integer :: m
 
     position = particles%field(handles%position)%values(:, p)
     m = nint(particles%field(handles%material)%values(1, p))
     if (handles%pore_pressure > 0) particles%field(handles%pore_pressure)%values(1, p) = &
       initial_pressure(scene, state, position)
-    stress = 0.0_wp
-    if (state%effective_stress == 'given') then
-      stress = state%effective_stress_value
-    else if (state%effective_stress == 'geostatic') then
-      associate (material => scene%material(m))
-        density = (1.0_wp - material%porosity)*material%solid_density
-        if (handles%pore_pressure > 0) then
-          density = density - (1.0_wp - material%porosity)*scene%water%density
-        end if
-      end associate
-      ! gravity points down, so this is negative (compression) below the surface
-      stress(3) = density*scene%gravity(ndim)*max(state%surface_level - position(ndim), 0.0_wp)
-      stress(1:2) = state%lateral_ratio*stress(3)
-    end if
+    stress = initial_stress(scene, state, m, handles%pore_pressure > 0, position)
     particles%field(handles%effective_stress)%values(1:nsig, p) = stress(voigt6)
     if (state%mode_number > 0) then
       call bar_ends(scene%region, foot, head)
@@ -71,6 +58,55 @@ contains
                                  (position(ndim) - foot)/(head - foot))
     end if
   end subroutine set_particle
+
+  pure function initial_stress(scene, state, m, is_wet, position) result(stress)
+    !! Initial effective stress at a position, xx yy zz xy yz zx, tension positive [Pa].
+    type(scene_t), intent(in) :: scene
+    type(initial_state_t), intent(in) :: state
+    integer, intent(in) :: m        !! material
+    logical, intent(in) :: is_wet   !! grains have buoyancy
+    real(wp), intent(in) :: position(ndim)   !! [m]
+    real(wp) :: stress(6), density
+
+    stress = 0.0_wp
+    if (state%effective_stress == 'given') then
+      stress = state%effective_stress_value
+    else if (state%effective_stress == 'geostatic') then
+      associate (material => scene%material(m))
+        density = (1.0_wp - material%porosity)*material%solid_density
+        if (is_wet) density = density - (1.0_wp - material%porosity)*scene%water%density
+      end associate
+      ! gravity points down, so this is negative (compression) below the surface
+      stress(3) = density*scene%gravity(ndim)*max(state%surface_level - position(ndim), 0.0_wp)
+      stress(1:2) = state%lateral_ratio*stress(3)
+    end if
+  end function initial_stress
+
+  pure function initial_stress_change(scene, m, is_wet, position, way) result(change)
+    !! How much the initial effective stress of a particle would differ some way off; 0 if it has
+    !! none [Pa].
+    type(scene_t), intent(in) :: scene
+    integer, intent(in) :: m                 !! its material
+    logical, intent(in) :: is_wet            !! grains have buoyancy
+    real(wp), intent(in) :: position(ndim)   !! of the particle [m]
+    real(wp), intent(in) :: way(ndim)        !! [m]
+    real(wp) :: change(nsig), stress(6)
+    integer :: k, r
+
+    change = 0.0_wp
+    do k = size(scene%initial_state), 1, -1   ! the last one that it has
+      r = findloc(scene%region%name == scene%initial_state(k)%region, .true., dim=1)
+      if (r > 0) then
+        if (.not. shape_contains(scene%region(r), position, 0.0_wp)) cycle
+      end if
+      associate (state => scene%initial_state(k))
+        stress = initial_stress(scene, state, m, is_wet, position + way) - &
+                 initial_stress(scene, state, m, is_wet, position)
+      end associate
+      change = stress(voigt6)
+      return
+    end do
+  end function initial_stress_change
 
   pure subroutine bar_ends(regions, foot, head)
     !! Elevations of the lowest and the highest point of all regions [m].

@@ -27,6 +27,21 @@ for variable, value in {
 BIN = Path(os.environ.get("DOSUI_BIN", ROOT / "build" / "release" / "bin"))
 
 
+
+def pytest_configure(config: pytest.Config) -> None:
+    """The mark of tests that only tests/long.sh runs."""
+    config.addinivalue_line("markers", "long: more than half a minute of a core; tests/long.sh")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Long tests have a shorter sibling in every test run."""
+    if os.environ.get("DOSUI_LONG"):
+        return
+    for item in items:
+        if "long" in item.keywords:
+            item.add_marker(pytest.mark.skip(reason="a long test: tests/long.sh"))
+
+
 @dataclass
 class Run:
     """What a run left behind."""

@@ -77,7 +77,14 @@ def test_de_leeuw(dosui: Runner, nu: float, region: str) -> None:
     assert coarse[0][0] / fine[0][0] >= 2.0**1.5
 
 
-@pytest.mark.parametrize("region", ["", "jitter = 0.25", "lattice_angle = 30.0"])
+@pytest.mark.parametrize(
+    "region",
+    [
+        "jitter = 0.25",
+        pytest.param("", marks=pytest.mark.long),
+        pytest.param("lattice_angle = 30.0", marks=pytest.mark.long),
+    ],
+)
 def test_cryer(dosui: Runner, region: str) -> None:
     """The eighth of a sphere; also with particles off a lattice along the symmetry planes."""
     found = []
@@ -158,6 +165,7 @@ def test_drainage_of_a_disc(dosui: Runner, region: str) -> None:
     assert np.max(np.abs(in_order(runs[0.1, 3]) - in_order(runs[0.1, 1]))) <= 1.0e-11 * 1000.0
 
 
+@pytest.mark.long
 def test_drainage_of_a_ball(dosui: Runner) -> None:
     """The eighth of a rigid one, jittered."""
     factors = FACTORS[:4]

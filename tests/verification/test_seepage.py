@@ -73,7 +73,7 @@ def test_dam_with_a_free_surface(dosui: Runner) -> None:
     assert face - 4.0 == pytest.approx(reference - 4.0, rel=0.06)  # coarse: 3 % with half the cell
 
 
-@pytest.mark.parametrize("ranks", [1, 3])
+@pytest.mark.parametrize("ranks", [1, pytest.param(3, marks=pytest.mark.long)])
 def test_flow_under_a_sheet_pile(dosui: Runner, ranks: int) -> None:
     """Half the head difference, from the conformal map; errors fall with the spacing."""
     errors = []

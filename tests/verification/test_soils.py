@@ -12,7 +12,7 @@ def bearing_factors(run: Run) -> np.ndarray:
     return -run.history("footing", "base_stress") * 5.0 / 1.0 / 1.0e4
 
 
-@pytest.mark.parametrize("ranks", [1, 2])
+@pytest.mark.parametrize("ranks", [1, pytest.param(2, marks=pytest.mark.long)])
 def test_footing_reaches_prandtls_load(dosui: Runner, ranks: int) -> None:
     """N_c = 2 + pi, approached from above with the spacing, and no locking beyond."""
     run = dosui(scene_text("footing/scene.nml", spacing="0.1"), ranks=ranks)

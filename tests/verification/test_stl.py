@@ -159,6 +159,7 @@ def test_drained_ball(dosui: Runner, tmp_path: Path) -> None:
     assert coarse[0] / fine[0] >= 2.0**1.7
 
 
+@pytest.mark.long
 def test_cryer_on_triangles(dosui: Runner, tmp_path: Path) -> None:
     """Coupled, 1024 triangles on the round face, pore pressures as on the sphere itself."""
     bodies.write_text(tmp_path / "ball.stl", bodies.octant(5))

@@ -27,7 +27,7 @@ module dosui_formulation
   type, abstract, public :: formulation_t
     logical :: is_linear = .true.          !! with linear soils, and without suction
     logical :: follows_places = .false.    !! water is stored and flows where the body has moved to
-    real(wp) :: least_motion = 1.0e-4_wp
+    real(wp) :: least_motion = 1.0e-8_wp
     !! of a cell: Newton's tolerance is relative to this where nothing moves more [-]
   contains
     procedure(formulation_linearise), deferred :: linearise

@@ -24,7 +24,7 @@ module dosui_total_lagrangian
   implicit none
   private
 
-  real(wp), parameter :: least_motion = 1.0e-8_wp
+  real(wp), parameter :: least_motion = 1.0e-4_wp
   !! of a cell: smaller motions are not told apart, as logarithms round off against 1 [-]
 
   type, extends(formulation_t), public :: total_lagrangian_t

@@ -21,7 +21,8 @@ module dosui_quasi_static
   use dosui_skeleton_step, only: zero_velocities
   use dosui_stage_solver, only: stage_solver_t
   use dosui_state_check, only: check_state
-  use dosui_step_error, only: content_error, estimate_error, first_fraction, gamma, root_mean_square
+  use dosui_step_error, only: content_error, estimate_error, first_fraction, gamma, &
+                              root_mean_square
   use dosui_text, only: to_text
   use dosui_time_control, only: step_limit_t
   use dosui_topology, only: refresh_storage
@@ -308,7 +309,8 @@ contains
 
     associate (system => self%solver%system%system)
       text = 'steps repeated '//to_text(self%n_rejected)//' for accuracy, '// &
-             to_text(self%n_failed)//' for the solver; '//newton_iterations(self%solver%n_newton)// &
+             to_text(self%n_failed)//' for the solver; '// &
+             newton_iterations(self%solver%n_newton)// &
              trim(merge('direct   ', 'iterative', system%is_direct))//' solutions '// &
              to_text(system%n_solve)//', set-ups '//to_text(system%n_setup)
       if (.not. system%is_direct) text = text//', iterations '//to_text(system%n_iteration)// &

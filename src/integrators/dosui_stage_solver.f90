@@ -285,7 +285,8 @@ contains
     stage%held = 0.0_wp
     stage%step = 0.0_wp
     if (.not. model%rigid) then
-      call self%system%unknowns%prescribe(model, model%clock%time, stage%time, stage%held, stage%has_held)
+      call self%system%unknowns%prescribe(model, model%clock%time, stage%time, stage%held, &
+                                          stage%has_held)
     end if
     if (is_guess) then   ! else the first iteration distributes it over the body
       if (stage%has_held) then
@@ -321,7 +322,8 @@ contains
     call add_pressure(model, -pressure)
     if (self%formulation%follows_places .and. model%coupled .and. .not. err%failed()) then
       ! what is stored and flows belongs to the places that the system was just built for
-      call self%formulation%find_missing_water(self%system, model, stage, pressure, stage%water, err)
+      call self%formulation%find_missing_water(self%system, model, stage, pressure, &
+                                               stage%water, err)
       stage%residual = residual_norm(self, model, stage%force, stage%water)
     end if
     call model%timers%stop(model%phase%assembly)
@@ -397,7 +399,8 @@ contains
     call forces_at(self, model, stage%time, motion, stage%force)
     call add_pressure(model, -pressure)
     if (model%coupled) then
-      call self%formulation%find_missing_water(self%system, model, stage, pressure, stage%water, err)
+      call self%formulation%find_missing_water(self%system, model, stage, pressure, &
+                                               stage%water, err)
     end if
     call check_residual(model, stage%force, stage%water, err)
     if (err%failed()) return

@@ -8,7 +8,7 @@ module dosui_step_error
   implicit none
   private
 
-  real(wp), parameter, public :: gamma = 2.0_wp - sqrt(2.0_wp)   !! the middle stage over the step [-]
+  real(wp), parameter, public :: gamma = 2.0_wp - sqrt(2.0_wp)   !! the middle stage [-]
   real(wp), parameter :: error_constant = (-3.0_wp*gamma**2 + 4.0_wp*gamma - 2.0_wp)/ &
                          (12.0_wp*(2.0_wp - gamma))
   real(wp), parameter, public :: first_fraction = 1.0e-5_wp   !! of the run: the first step [-]

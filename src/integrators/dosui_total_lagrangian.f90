@@ -145,7 +145,8 @@ contains
     type(error_t), intent(inout) :: err
     real(wp), dimension(size(water)) :: stored, pores, growth
 
-    associate (field => model%particles%field, h => model%p, n => size(water), a => stage%flow_weight)
+    associate (field => model%particles%field, h => model%p, n => size(water), &
+               a => stage%flow_weight)
       growth = field(h%volume)%values(1, 1:n) - self%volume
       if (.not. model%unsaturated) then
         call find_flow(model, stage%time, stage%start, water)

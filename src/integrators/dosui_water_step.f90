@@ -12,8 +12,8 @@ module dosui_water_step
   implicit none
   private
 
-  public :: find_flow, add_sources, update_pressure, head_of_particles, darcy_velocity, water_rate, &
-            prepare_flow, set_surface_data, surface_elevation, soil_conductivities
+  public :: find_flow, add_sources, update_pressure, head_of_particles, darcy_velocity, &
+            water_rate, prepare_flow, set_surface_data, surface_elevation, soil_conductivities
 
 contains
 

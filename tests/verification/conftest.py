@@ -27,7 +27,6 @@ for variable, value in {
 BIN = Path(os.environ.get("DOSUI_BIN", ROOT / "build" / "release" / "bin"))
 
 
-
 def pytest_configure(config: pytest.Config) -> None:
     """The mark of tests that only tests/long.sh runs."""
     config.addinivalue_line("markers", "long: more than half a minute of a core; tests/long.sh")

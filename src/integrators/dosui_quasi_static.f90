@@ -31,7 +31,7 @@ module dosui_quasi_static
   implicit none
   private
 
-  real(wp), parameter :: first_load = 1.0e-2_wp   !! of the run: a first step of dry soils that yield
+  real(wp), parameter :: first_load = 1.0e-2_wp   !! of the run: first step of dry soils that yield
   real(wp), parameter :: reject_above = 1.5_wp        !! error over what is allowed [-]
   real(wp), parameter :: largest_growth = 2.0_wp, least_growth = 0.3_wp, safety = 0.9_wp
   real(wp), parameter :: worthwhile = 1.25_wp         !! growth that pays for a new factorisation

@@ -97,8 +97,8 @@ contains
     zero = 0.0_wp
     call model%timers%start(model%phase%solver)
     call system%solve(model, a, zero, model%clock%time, zero, .false., supply, &
-                           max(estimate_tolerance, system%tolerance), .false., motion, &
-                           pressure, err, without_loads=.true.)
+                      max(estimate_tolerance, system%tolerance), .false., motion, &
+                      pressure, err, without_loads=.true.)
     call model%timers%stop(model%phase%solver)
   end subroutine solve_error
 

@@ -25,7 +25,7 @@ module dosui_cut_weight
   implicit none
   private
 
-  public :: build_shift
+  public :: build_shift, add_wall, find_group_centres
 
 contains
 
@@ -66,7 +66,8 @@ contains
     logical, intent(in) :: is_filled(:)
     real(wp), intent(inout) :: forces(:, :)   !! (ndim, n_node) of this rank [N]
     real(wp) :: at(ndim, model%grid%n_cell), change(nsig, model%grid%n_cell)
-    real(wp) :: centre(ndim, model%grid%n_cell), load(ndim)
+    real(wp), dimension(ndim, model%grid%n_cell) :: centre, middle   ! of cells and groups
+    real(wp) :: load(ndim)
     integer :: a, b, c, k
 
     do c = 1, model%grid%n_cell
@@ -75,8 +76,9 @@ contains
     end do
     call sum_places(model, centre)
     call model%average%cell_means(model%comm, model%grid, ndim, centre)
+    call find_group_centres(model, middle)
     call find_changes(model, at, centre(:, model%quadrature%host), .false., change)
-    call add_water(model, at, is_filled, change)
+    call add_water(model, at, middle, is_filled, change)
     do c = 1, model%grid%n_cell
       if (.not. (is_filled(c) .and. model%grid%cell_map%is_owned(c))) cycle
       do k = 1, 2**ndim
@@ -127,26 +129,47 @@ contains
     !! What the walls' shares of the cells' mean stresses lack. Collective.
     type(model_t), intent(inout) :: model
     real(wp), intent(inout) :: forces(:, :)   !! (ndim, n_node) of this rank [N]
-    real(wp) :: at(ndim, model%grid%n_cell), change(nsig, model%grid%n_cell)
     real(wp) :: centre(ndim, model%grid%n_cell)
-    logical :: is_held(model%grid%n_cell)
-    integer :: i, m
+    integer :: c
 
     if (.not. model%lifted) return
-    m = model%surface%count
-    call sum_places(model, centre)
-    call model%average%group_means(model%comm, model%grid, ndim, centre)
-    do i = 1, size(model%scene%mechanical_condition)
-      call find_middles(model, i, at, is_held)
-      call find_changes(model, at, centre, .true., change)
-      call add_water(model, at, is_held, change)
-      associate (field => model%surface%field, h => model%s)
-        call model%surface_forces%react(model%scene%mechanical_condition, &
-                                        field(h%area)%values(1, 1:m), &
-                                        field(h%normal)%values(:, 1:m), change, forces, only=i)
-      end associate
+    call find_group_centres(model, centre)
+    do c = 1, size(model%scene%mechanical_condition)
+      call add_wall(model, c, centre, forces)
     end do
   end subroutine add_walls
+
+  subroutine add_wall(model, condition, centre, forces)
+    !! What the walls of one condition take beside their share of the cells' mean stresses, in
+    !! small strains where cells are cut. Collective.
+    type(model_t), intent(inout) :: model
+    integer, intent(in) :: condition
+    real(wp), intent(in) :: centre(:, :)      !! (ndim, n_cell) of the groups' particles [m]
+    real(wp), intent(inout) :: forces(:, :)   !! (ndim, n_node) of this rank [N]
+    real(wp) :: at(ndim, model%grid%n_cell), change(nsig, model%grid%n_cell)
+    logical :: is_held(model%grid%n_cell)
+    integer :: m
+
+    m = model%surface%count
+    call find_middles(model, condition, at, is_held)
+    call find_changes(model, at, centre, .true., change)
+    call add_water(model, at, centre, is_held, change)
+    associate (field => model%surface%field, h => model%s)
+      call model%surface_forces%react(model%scene%mechanical_condition, &
+                                      field(h%area)%values(1, 1:m), &
+                                      field(h%normal)%values(:, 1:m), change, forces, &
+                                      only=condition)
+    end associate
+  end subroutine add_wall
+
+  subroutine find_group_centres(model, centre)
+    !! Middles of the particles of every cell's group. Collective.
+    type(model_t), intent(inout) :: model
+    real(wp), intent(out) :: centre(:, :)     !! (ndim, n_cell) [m]
+
+    call sum_places(model, centre)
+    call model%average%group_means(model%comm, model%grid, ndim, centre)
+  end subroutine find_group_centres
 
   subroutine find_middles(model, condition, at, is_held)
     !! Middles of the pieces of surface in every cell that bear a condition, from the cell's hats.
@@ -230,19 +253,18 @@ contains
     call model%grid%cell_map%gather(model%comm, nsig, change)
   end subroutine find_changes
 
-  subroutine add_water(model, at, is_wanted, change)
+  pure subroutine add_water(model, at, centre, is_wanted, change)
     !! Takes off the change of water's pressure between the middle of a group's particles and a
-    !! point: rho_w g.x, as at rest. Collective.
-    type(model_t), intent(inout) :: model
+    !! point: rho_w g.x, as at rest.
+    type(model_t), intent(in) :: model
     real(wp), intent(in) :: at(:, :)           !! (ndim, n_cell) [m]
+    real(wp), intent(in) :: centre(:, :)       !! (ndim, n_cell) these middles [m]
     logical, intent(in) :: is_wanted(:)
     real(wp), intent(inout) :: change(:, :)    !! (nsig, n_cell) of total stress [Pa]
-    real(wp) :: centre(ndim, model%grid%n_cell), pressure
+    real(wp) :: pressure
     integer :: a, c
 
     if (.not. model%coupled .or. model%unsaturated) return
-    call sum_places(model, centre)
-    call model%average%group_means(model%comm, model%grid, ndim, centre)
     do c = 1, model%grid%n_cell
       if (.not. is_wanted(c)) cycle
       pressure = model%scene%water%density* &

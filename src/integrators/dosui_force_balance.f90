@@ -13,6 +13,7 @@
 module dosui_force_balance
   use dosui_kinds, only: wp, i8
   use dosui_dimension, only: ndim
+  use dosui_cut_weight, only: add_wall, find_group_centres
   use dosui_extended_nodes, only: inertia_forces
   use dosui_model, only: model_t
   use dosui_reactions, only: moment_axis, n_moment, n_total, of_damping, of_inertia, &
@@ -24,8 +25,8 @@ module dosui_force_balance
   real(wp), parameter :: round_off = 1.0e-13_wp   !! of all forces, and of momenta over the step [-]
 
   public :: want_forces, begin_forces, book_sources, book_surface_forces, book_loads, &
-            book_reactions, keep_undamped, book_rigid_wall, book_held_by_walls, close_step, &
-            close_rest, force_row
+            book_reactions, book_wall_shifts, keep_undamped, book_rigid_wall, &
+            book_held_by_walls, close_step, close_rest, force_row
 
 contains
 
@@ -180,6 +181,26 @@ contains
       call model%reactions%add_nodes(model%reactions%wall_of(c), 0, place, force)
     end do
   end subroutine book_reactions
+
+  subroutine book_wall_shifts(model)
+    !! The part of penalty walls that is constant where surfaces cut cells (`dosui_cut_weight`).
+    !! Collective.
+    type(model_t), intent(inout) :: model
+    real(wp), allocatable :: force(:, :), place(:, :)
+    real(wp) :: centre(ndim, model%grid%n_cell)
+    integer :: c
+
+    if (.not. model%lifted .or. model%finite) return
+    call node_places(model, place)
+    call find_group_centres(model, centre)
+    allocate (force(ndim, model%grid%n_node))
+    do c = 1, size(model%scene%mechanical_condition)
+      if (model%reactions%wall_of(c) == 0) cycle
+      force = 0.0_wp
+      call add_wall(model, c, centre, force)
+      call model%reactions%add_nodes(model%reactions%wall_of(c), 0, place, force)
+    end do
+  end subroutine book_wall_shifts
 
   subroutine node_places(model, place)
     !! Where the nodes are [m]. With finite strains they move as the surface's points around them

@@ -8,7 +8,8 @@ module dosui_skeleton_step
   use dosui_extended_nodes, only: fold_nodal, held_components, solve_nodal
   use dosui_finite_strain, only: carried_area
   use dosui_force_balance, only: begin_forces, book_reactions, book_rigid_wall, book_sources, &
-                                 book_surface_forces, close_step, keep_undamped
+                                 book_surface_forces, book_wall_shifts, close_step, &
+                                 keep_undamped
   use dosui_grid_to_particle, only: grid_to_particles
   use dosui_model, only: model_t
   use dosui_moving_loads, only: add_moving_loads
@@ -59,11 +60,12 @@ contains
   end subroutine gather_forces
 
   subroutine shift_weight(model)
-    !! Weight and initial stresses of parts of cells act where these have them.
+    !! Weight and initial stresses of parts of cells act where these have them. Collective.
     type(model_t), intent(inout) :: model
 
     if (.not. allocated(model%shift)) return
     model%nodal(2 + ndim:, :) = model%nodal(2 + ndim:, :) + model%shift
+    if (model%reactions%is_wanted) call book_wall_shifts(model)
   end subroutine shift_weight
 
   subroutine gather_loads(model)

@@ -6,7 +6,7 @@ module dosui_resolution
   use dosui_model, only: model_t
   use dosui_scene, only: scene_t
   use dosui_seeding, only: region_spacing
-  use dosui_shapes, only: shape_bounds, shape_contains
+  use dosui_shapes, only: region_bounds, shape_contains
   use dosui_text, only: to_text, vector_text
   implicit none
   private
@@ -50,9 +50,9 @@ contains
     integer(i8) :: first(ndim), n(ndim), k, rest
     integer :: d
 
-    call shape_bounds(scene%region(r), scene%region(r)%shape_angle, low, high)
-    low = (low + scene%region(r)%pivot - scene%grid_origin)/scene%grid_spacing
-    high = (high + scene%region(r)%pivot - scene%grid_origin)/scene%grid_spacing
+    call region_bounds(scene%region(r), low, high)
+    low = (low - scene%grid_origin)/scene%grid_spacing
+    high = (high - scene%grid_origin)/scene%grid_spacing
     first = floor(low + skin, i8)
     n = ceiling(high - skin, i8) - first
     fills = .false.
@@ -107,9 +107,7 @@ contains
     character(len=:), allocatable :: text
     real(wp) :: low(ndim), high(ndim)
 
-    call shape_bounds(scene%region(r), scene%region(r)%shape_angle, low, high)
-    low = low + scene%region(r)%pivot
-    high = high + scene%region(r)%pivot
+    call region_bounds(scene%region(r), low, high)
     text = "&region '"//trim(scene%region(r)%name)//"' from "// &
            vector_text(low + scene%local_origin)//' to '// &
            vector_text(high + scene%local_origin)//' m'

@@ -5,6 +5,7 @@ module dosui_result_fields
   use dosui_model, only: model_t
   use dosui_pore_water, only: saturation_at
   use dosui_result_file, only: result_field_t
+  use dosui_state_check, only: present_place
   use dosui_water_step, only: head_of_particles, darcy_velocity
   implicit none
   private
@@ -127,10 +128,10 @@ contains
     !! Positions of the owned particles as 3-D points, in the scene's own coordinates [m].
     type(model_t), intent(in) :: model
     real(wp), allocatable :: points(:, :)
-    integer :: handle, d
+    integer :: d
 
-    handle = merge(model%p%position_at_build, model%p%position, model%finite)
-    points = vectors_in_space(model%particles%count, model%particles%field(handle)%values)
+    points = vectors_in_space(model%particles%count, &
+                              model%particles%field(present_place(model))%values)
     do d = 1, ndim
       points(axis(d), :) = points(axis(d), :) + model%scene%local_origin(d)
     end do

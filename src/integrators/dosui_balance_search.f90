@@ -10,6 +10,7 @@ module dosui_balance_search
   use dosui_dimension, only: ndim
   use dosui_head_operator, only: head_operator_t
   use dosui_model, only: model_t
+  use dosui_state_check, only: present_place
   use dosui_surface_sets, only: first_member
   use dosui_text, only: to_text, vector_text
   use dosui_water_balance, only: inflow_rate, surface_values
@@ -117,9 +118,8 @@ contains
     real(wp), parameter :: alike = 1.0_wp - 1.0e-6_wp   ! the first one of equals is told
     real(wp) :: most
     integer(i8) :: id
-    integer :: h, i
+    integer :: i
 
-    h = merge(model%p%position_at_build, model%p%position, model%finite)
     most = -1.0_wp
     if (size(created) > 0) most = maxval(abs(created))
     most = model%comm%maximum(most)
@@ -130,7 +130,8 @@ contains
     id = model%comm%minimum(id)
     worst = 0.0_wp
     do i = 1, size(created)
-      if (model%particles%id(i) == id) worst = model%particles%field(h)%values(:, i)
+      if (model%particles%id(i) /= id) cycle
+      worst = model%particles%field(present_place(model))%values(:, i)
     end do
     call model%comm%sum_array(worst)
   end subroutine find_worst

@@ -35,8 +35,8 @@ module dosui_formulation
     procedure(formulation_move_to), deferred :: move_to
     procedure(formulation_find_forces), deferred :: find_forces
     procedure(formulation_find_missing_water), deferred :: find_missing_water
-    procedure(formulation_accept), deferred :: accept
-    procedure(formulation_start_stress), deferred :: start_stress
+    procedure :: accept => formulation_accept
+    procedure :: start_stress => formulation_start_stress
   end type formulation_t
 
   abstract interface
@@ -66,7 +66,7 @@ module dosui_formulation
       real(wp), intent(in) :: motion(:, :)   !! (ndim, n_node) [m]
       type(error_t), intent(inout) :: err
     end subroutine formulation_move_to
-    subroutine formulation_find_forces(self, system, model, motion, force)
+    subroutine formulation_find_forces(self, system, model, force, motion)
       !! Complete forces on the nodes in the state and with the pressures at hand, at the clock's
       !! time. Collective.
       import :: formulation_t, implicit_system_t, model_t, wp
@@ -74,8 +74,9 @@ module dosui_formulation
       class(formulation_t), intent(in) :: self
       type(implicit_system_t), intent(inout) :: system
       type(model_t), intent(inout) :: model
-      real(wp), intent(in) :: motion(:, :)             !! (ndim, n_node) since the start [m]
-      real(wp), allocatable, intent(inout) :: force(:, :)   !! (ndim, n_node) [N]
+      real(wp), intent(inout) :: force(:, :)           !! (ndim, n_node) [N]
+      real(wp), intent(in), optional :: motion(:, :)
+      !! (ndim, n_node) since the start, which weak modes resist; absent: none [m]
     end subroutine formulation_find_forces
     subroutine formulation_find_missing_water(self, system, model, stage, pressure, water, err)
       !! Water that the state at hand lacks: supply + a F - stored - squeezed [m3]. Collective.
@@ -89,23 +90,29 @@ module dosui_formulation
       real(wp), intent(inout) :: water(:)      !! of the particles [m3]
       type(error_t), intent(inout) :: err
     end subroutine formulation_find_missing_water
-    subroutine formulation_accept(self, model)
-      !! Ends a step of the clock's length whose state the model has: velocities, volume changes.
-      import :: formulation_t, model_t
-      implicit none
-      class(formulation_t), intent(inout) :: self
-      type(model_t), intent(inout) :: model
-    end subroutine formulation_accept
-    subroutine formulation_start_stress(self, stress)
-      !! Effective stresses at the start, if increments of stress are what motions add to these.
-      import :: formulation_t, wp
-      implicit none
-      class(formulation_t), intent(in) :: self
-      real(wp), allocatable, intent(inout) :: stress(:, :)   !! (nsig, n) [Pa]; not allocated: none
-    end subroutine formulation_start_stress
   end interface
 
 contains
+
+  subroutine formulation_accept(self, model)
+    !! Ends a step of the clock's length whose state the model has. Motions that went through the
+    !! kernels of a step have left velocities and volume changes already.
+    class(formulation_t), intent(inout) :: self
+    type(model_t), intent(inout) :: model
+
+    associate (not_used => self, nor => model)
+    end associate
+  end subroutine formulation_accept
+
+  subroutine formulation_start_stress(self, stress)
+    !! Effective stresses at the start, if motions add increments to these. Others, which turn with
+    !! the body or do not count, leave the argument as it is.
+    class(formulation_t), intent(in) :: self
+    real(wp), allocatable, intent(inout) :: stress(:, :)   !! (nsig, n) [Pa]
+
+    associate (not_used => self, nor => stress)
+    end associate
+  end subroutine formulation_start_stress
 
   subroutine missing_in_place(system, model, stage, pressure, water)
     !! Water that pores lack which keep their places and volumes: supply + a F - stored [m3].

@@ -36,13 +36,14 @@ module dosui_inertial_integrator
 contains
 
   subroutine inertial_init(self, model, err)
-    !! Nothing is kept beside the model.
+    !! A watch that has seen nothing yet is all that is kept beside the model.
     class(inertial_integrator_t), intent(inout) :: self
     type(model_t), intent(inout) :: model
     type(error_t), intent(inout) :: err
 
+    associate (not_used => model, nor => err)
+    end associate
     self%watch = step_watch_t()
-    call model%comm%agree(err)
   end subroutine inertial_init
 
   subroutine inertial_start(self, model, err)
@@ -51,7 +52,8 @@ contains
     type(model_t), intent(inout) :: model
     type(error_t), intent(inout) :: err
 
-    self%watch = step_watch_t()
+    associate (not_used => self)
+    end associate
     if (model%scene%time%undrained_start .and. .not. model%rigid) call undrained_start(model, err)
     if (.not. err%failed()) call check_state(model, err)
     if (err%failed()) return

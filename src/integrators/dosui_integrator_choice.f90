@@ -10,7 +10,7 @@ module dosui_integrator_choice
   use dosui_dimension, only: ndim
   use dosui_materials, only: material_set_t
   use dosui_scene, only: name_length, scene_t, table_t
-  use dosui_shapes, only: shape_bounds
+  use dosui_shapes, only: region_bounds
   use dosui_text, only: to_text
   implicit none
   private
@@ -112,9 +112,9 @@ contains
     low = huge(1.0_wp)
     high = -huge(1.0_wp)
     do k = 1, size(scene%region)
-      call shape_bounds(scene%region(k), scene%region(k)%shape_angle, corner, opposite)
-      low = min(low, scene%region(k)%pivot + corner)
-      high = max(high, scene%region(k)%pivot + opposite)
+      call region_bounds(scene%region(k), corner, opposite)
+      low = min(low, corner)
+      high = max(high, opposite)
     end do
     travel = 0.0_wp
     if (drained > 0.0_wp) travel = maxval(high - low)/sqrt(drained)

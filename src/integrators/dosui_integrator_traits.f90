@@ -7,7 +7,6 @@ module dosui_integrator_traits
   type, public :: integrator_traits_t
     !! The facts of an explicit integrator, if nothing else is said.
     character(len=name_length) :: name = 'explicit'   !! as keys and messages have it
-    logical :: has_inertia = .true.        !! steps are limited by waves; bodies may fly
     logical :: solves_skeleton = .false.   !! equations hold the stiffness of the skeleton
     logical :: solves_water = .false.      !! equations hold the pressures of the water
   contains
@@ -17,7 +16,6 @@ module dosui_integrator_traits
 
   public :: traits_of
 
-  character(len=*), parameter, public :: automatic = 'auto'   !! the choice is left to dosui
   character(len=*), parameter, public :: explicit = 'explicit'
   character(len=*), parameter, public :: semi_implicit = 'semi_implicit'
   character(len=*), parameter, public :: quasi_static = 'quasi_static'
@@ -30,7 +28,6 @@ contains
     type(integrator_traits_t) :: traits
 
     traits%name = name
-    traits%has_inertia = name /= quasi_static
     traits%solves_skeleton = name == quasi_static
     traits%solves_water = name == quasi_static .or. name == semi_implicit
   end function traits_of

@@ -122,7 +122,7 @@ contains
     model%clock%dt = 1.0_wp
     do
       call allocate_increments(model, motion, pressure, before)
-      call self%solver%open_step(model, motion, err)
+      call self%solver%open_step(model, err)
       if (err%failed()) return
       failure = error_t()
       model%relaxing = .true.
@@ -362,7 +362,7 @@ contains
     a = 0.5_wp*gamma*dt
     error_norm = 0.0_wp
     call allocate_increments(model, motion, pressure, supply)
-    call self%solver%open_step(model, motion, err)
+    call self%solver%open_step(model, err)
     if (.not. model%coupled) then
       call self%solver%solve(model, t + dt, a, supply, .false., motion, pressure, err)
       return
@@ -423,16 +423,12 @@ contains
     real(wp), intent(in) :: time           !! of the equilibrium [s]
     real(wp), intent(in) :: motion(:, :)   !! of the nodes that led to it [m]
     real(wp), allocatable :: force(:, :)
-    real(wp) :: now
 
-    now = model%clock%time
     call model%reactions%want(time, model%clock%dt, int(model%clock%step, i8) + &
-                              merge(1_i8, 0_i8, time > now))
+                              merge(1_i8, 0_i8, time > model%clock%time))
     if (.not. model%reactions%is_wanted) return
     allocate (force, mold=motion)
-    model%clock%time = time
-    call self%solver%find_forces(model, motion, force)
-    model%clock%time = now
+    call self%solver%find_forces(model, time, force, motion)
     call close_rest(model, force)
   end subroutine report_forces
 

@@ -15,8 +15,6 @@ module dosui_rigid_skeleton
     procedure :: move_to => rigid_move_to
     procedure :: find_forces => rigid_find_forces
     procedure :: find_missing_water => rigid_find_missing_water
-    procedure :: accept => rigid_accept
-    procedure :: start_stress => rigid_start_stress
   end type rigid_skeleton_t
 
 contains
@@ -52,17 +50,17 @@ contains
     end associate
   end subroutine rigid_move_to
 
-  subroutine rigid_find_forces(self, system, model, motion, force)
+  subroutine rigid_find_forces(self, system, model, force, motion)
     !! None that anything feels.
     class(rigid_skeleton_t), intent(in) :: self
     type(implicit_system_t), intent(inout) :: system
     type(model_t), intent(inout) :: model
-    real(wp), intent(in) :: motion(:, :)                  !! [m]
-    real(wp), allocatable, intent(inout) :: force(:, :)   !! [N]
+    real(wp), intent(inout) :: force(:, :)           !! [N]
+    real(wp), intent(in), optional :: motion(:, :)   !! of the nodes since the start [m]
 
-    associate (not_used => self, nor => system, neither => model)
+    associate (not_used => self, nor => system, neither => model, this => motion)
     end associate
-    force = 0.0_wp*motion
+    force = 0.0_wp
   end subroutine rigid_find_forces
 
   subroutine rigid_find_missing_water(self, system, model, stage, pressure, water, err)
@@ -79,22 +77,4 @@ contains
     end associate
     call missing_in_place(system, model, stage, pressure, water)
   end subroutine rigid_find_missing_water
-
-  subroutine rigid_accept(self, model)
-    !! Nothing has moved.
-    class(rigid_skeleton_t), intent(inout) :: self
-    type(model_t), intent(inout) :: model
-
-    associate (not_used => self, nor => model)
-    end associate
-  end subroutine rigid_accept
-
-  subroutine rigid_start_stress(self, stress)
-    !! There are no stresses that count: the argument stays as it is.
-    class(rigid_skeleton_t), intent(in) :: self
-    real(wp), allocatable, intent(inout) :: stress(:, :)
-
-    associate (not_used => self, nor => stress)
-    end associate
-  end subroutine rigid_start_stress
 end module dosui_rigid_skeleton

@@ -24,7 +24,6 @@ module dosui_small_strain
     procedure :: move_to => small_move_to
     procedure :: find_forces => small_find_forces
     procedure :: find_missing_water => small_find_missing_water
-    procedure :: accept => small_accept
     procedure :: start_stress => small_start_stress
   end type small_strain_t
 
@@ -82,14 +81,14 @@ contains
     call model%comm%agree(err)
   end subroutine small_move_to
 
-  subroutine small_find_forces(self, system, model, motion, force)
+  subroutine small_find_forces(self, system, model, force, motion)
     !! Forces of an explicit step, and of the resistance that implicit steps add. The dashpots of
     !! penalty walls belong to dynamics. Collective.
     class(small_strain_t), intent(in) :: self
     type(implicit_system_t), intent(inout) :: system
     type(model_t), intent(inout) :: model
-    real(wp), intent(in) :: motion(:, :)             !! of the nodes since the start [m]
-    real(wp), allocatable, intent(inout) :: force(:, :)   !! [N]
+    real(wp), intent(inout) :: force(:, :)           !! [N]
+    real(wp), intent(in), optional :: motion(:, :)   !! of the nodes since the start [m]
     real(wp), allocatable :: velocity(:, :)
 
     associate (not_used => self)
@@ -101,7 +100,7 @@ contains
       field%values = velocity
     end associate
     force = model%nodal(2 + ndim:, :)
-    call add_hourglass_forces(model, motion, force)
+    if (present(motion)) call add_hourglass_forces(model, motion, force)
     call system%unknowns%fold(model, force)
   end subroutine small_find_forces
 
@@ -121,15 +120,6 @@ contains
     water = water - model%weight*model%volume_strain* &
             mean_saturation(model, stage%start, stage%start + pressure)
   end subroutine small_find_missing_water
-
-  subroutine small_accept(self, model)
-    !! Everything is there already.
-    class(small_strain_t), intent(inout) :: self
-    type(model_t), intent(inout) :: model
-
-    associate (not_used => self, nor => model)
-    end associate
-  end subroutine small_accept
 
   subroutine small_start_stress(self, stress)
     !! Those that strains add to.

@@ -80,26 +80,25 @@ contains
     else
       allocate (small_strain_t :: self%formulation)
     end if
-    if (model%unsaturated) then
+    call self%formulation%linearise(model, err)
+    if (err%failed()) return
+    if (model%unsaturated) then   ! where the body is now
       call linearise_flow(model, model%clock%time, model%particles%field(model%p%pore_pressure)% &
                           values(1, 1:model%particles%count))
     end if
-    call self%formulation%linearise(model, err)
-    if (err%failed()) return
     call model%timers%start(model%phase%assembly)
     call self%system%build(model, .false., err)
     call model%timers%stop(model%phase%assembly)
   end subroutine solver_init
 
-  subroutine solver_open_step(self, model, motion, err)
+  subroutine solver_open_step(self, model, err)
     !! Motions count from the present state, or from where a step that was rejected began.
     !! Collective.
     class(stage_solver_t), intent(inout) :: self
     type(model_t), intent(inout) :: model
-    real(wp), intent(in) :: motion(:, :)   !! (ndim, n_node) none [m]
     type(error_t), intent(inout) :: err
 
-    if (self%is_moved) call self%formulation%move_to(model, motion, err)
+    call self%go_back(model, err)
     call self%formulation%take_start(model)
     self%is_moved = .not. self%formulation%is_linear
   end subroutine solver_open_step
@@ -131,14 +130,19 @@ contains
     self%is_moved = .false.
   end subroutine solver_go_back
 
-  subroutine solver_find_forces(self, model, motion, force)
-    !! Forces on the nodes in the state at hand [N]. Collective.
+  subroutine solver_find_forces(self, model, time, force, motion)
+    !! Forces on the nodes in the state at hand with the loads of some time. Collective.
     class(stage_solver_t), intent(inout) :: self
     type(model_t), intent(inout) :: model
-    real(wp), intent(in) :: motion(:, :)   !! (ndim, n_node) since the start [m]
-    real(wp), allocatable, intent(inout) :: force(:, :)   !! (ndim, n_node) [N]
+    real(wp), intent(in) :: time                     !! [s]
+    real(wp), intent(inout) :: force(:, :)           !! (ndim, n_node) [N]
+    real(wp), intent(in), optional :: motion(:, :)   !! (ndim, n_node) since the start [m]
+    real(wp) :: now
 
-    call self%formulation%find_forces(self%system, model, motion, force)
+    now = model%clock%time
+    model%clock%time = time
+    call self%formulation%find_forces(self%system, model, force, motion)
+    model%clock%time = now
   end subroutine solver_find_forces
 
   subroutine solver_solve(self, model, time, a, supply, is_guess, motion, pressure, err)
@@ -191,7 +195,7 @@ contains
       stage%force = 0.0_wp
       if (.not. model%rigid) then
         call zero_velocities(model)
-        call forces_at(self, model, stage%time, 0.0_wp*motion, stage%force)
+        call self%find_forces(model, stage%time, stage%force)
         call self%system%unknowns%prescribe(model, model%clock%time, stage%time, stage%held, &
                                             stage%has_held)
       end if
@@ -205,21 +209,6 @@ contains
       call model%timers%stop(model%phase%solver)
     end associate
   end subroutine solve_linear
-
-  subroutine forces_at(self, model, time, motion, force)
-    !! Forces in the state at hand with the loads of another time [N]. Collective.
-    class(stage_solver_t), intent(inout) :: self
-    type(model_t), intent(inout) :: model
-    real(wp), intent(in) :: time           !! [s]
-    real(wp), intent(in) :: motion(:, :)   !! since the start [m]
-    real(wp), allocatable, intent(inout) :: force(:, :)
-    real(wp) :: now
-
-    now = model%clock%time
-    model%clock%time = time
-    call self%find_forces(model, motion, force)
-    model%clock%time = now
-  end subroutine forces_at
 
   subroutine solve_nonlinear(self, model, stage, is_guess, motion, pressure, err)
     !! Newton's iterations. Collective.
@@ -280,7 +269,7 @@ contains
     integer :: n
 
     n = model%particles%count
-    allocate (stage%held, stage%step, mold=motion)
+    allocate (stage%held, stage%step, stage%force, mold=motion)
     allocate (stage%water(n), stage%pressure_step(n), source=0.0_wp)
     stage%held = 0.0_wp
     stage%step = 0.0_wp
@@ -396,7 +385,7 @@ contains
     stage%residual = huge(1.0_wp)
     if (err%failed()) return
     call add_pressure(model, pressure)
-    call forces_at(self, model, stage%time, motion, stage%force)
+    call self%find_forces(model, stage%time, stage%force, motion)
     call add_pressure(model, -pressure)
     if (model%coupled) then
       call self%formulation%find_missing_water(self%system, model, stage, pressure, &

@@ -15,7 +15,8 @@ module dosui_state_check
 
   real(wp), parameter :: largest = huge(1.0_wp)
 
-  public :: check_state, describe_particle, is_sound, note_failure, note_fault, place_of
+  public :: check_state, describe_particle, is_sound, note_failure, note_fault, &
+            place_of, present_place
 
 contains
 
@@ -173,15 +174,20 @@ contains
     integer, intent(in) :: p
     logical, intent(in), optional :: within   !! as in `moment`
     character(len=:), allocatable :: text
-    integer :: place
 
-    place = merge(model%p%position_at_build, model%p%position, model%finite)
     text = 'particle '//to_text(model%particles%id(p))//' '//what//' '//moment(model, within)// &
            ', at '// &
-           place_of(model, model%particles%field(place)%values(:, p))//" of '"// &
+           place_of(model, model%particles%field(present_place(model))%values(:, p))//" of '"// &
            trim(model%scene%material(nint(model%particles%field(model%p%material)% &
                                           values(1, p)))%name)//"'"
   end function describe_particle
+
+  pure integer function present_place(model) result(handle)
+    !! Handle of the particles' present positions.
+    type(model_t), intent(in) :: model
+
+    handle = merge(model%p%position_at_build, model%p%position, model%finite)
+  end function present_place
 
   function moment(model, within) result(text)
     !! Step and time of the clock.

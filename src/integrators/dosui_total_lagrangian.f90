@@ -43,7 +43,6 @@ module dosui_total_lagrangian
     procedure :: find_forces => lagrangian_find_forces
     procedure :: find_missing_water => lagrangian_find_missing_water
     procedure :: accept => lagrangian_accept
-    procedure :: start_stress => lagrangian_start_stress
   end type total_lagrangian_t
 
 contains
@@ -112,13 +111,13 @@ contains
     call model%timers%stop(model%phase%rebuild)
   end subroutine lagrangian_move_to
 
-  subroutine lagrangian_find_forces(self, system, model, motion, force)
+  subroutine lagrangian_find_forces(self, system, model, force, motion)
     !! Loads on the deformed surface and stresses of the deformed body. Collective.
     class(total_lagrangian_t), intent(in) :: self
     type(implicit_system_t), intent(inout) :: system
     type(model_t), intent(inout) :: model
-    real(wp), intent(in) :: motion(:, :)             !! of the nodes since the start [m]
-    real(wp), allocatable, intent(inout) :: force(:, :)   !! [N]
+    real(wp), intent(inout) :: force(:, :)           !! [N]
+    real(wp), intent(in), optional :: motion(:, :)   !! of the nodes since the start [m]
     real(wp) :: pressure(model%particles%count)
 
     associate (not_used => self)
@@ -129,7 +128,7 @@ contains
     call gather_loads(model)
     force = model%nodal(2 + ndim:, :)
     call system%internal_forces(model, pressure*saturation_at(model, pressure), force)
-    call add_hourglass_forces(model, motion, force)
+    if (present(motion)) call add_hourglass_forces(model, motion, force)
     call system%unknowns%fold(model, force)
   end subroutine lagrangian_find_forces
 
@@ -185,15 +184,6 @@ contains
                                           self%surface_displacement)/model%clock%dt
     end associate
   end subroutine lagrangian_accept
-
-  subroutine lagrangian_start_stress(self, stress)
-    !! Stresses turn with the body: the argument stays as it is.
-    class(total_lagrangian_t), intent(in) :: self
-    real(wp), allocatable, intent(inout) :: stress(:, :)
-
-    associate (not_used => self, nor => stress)
-    end associate
-  end subroutine lagrangian_start_stress
 
   subroutine take_cell_gradients(self, model, motion, deformation)
     !! Gives the increments of the particles' deformation gradients the mean that the gradient C of

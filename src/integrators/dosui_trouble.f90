@@ -6,7 +6,7 @@ module dosui_trouble
   use dosui_implicit_system, only: elastic_tangent
   use dosui_model, only: model_t
   use dosui_scene, only: name_length
-  use dosui_state_check, only: place_of
+  use dosui_state_check, only: place_of, present_place
   use dosui_surface_sets, only: first_member
   use dosui_text, only: to_text
   implicit none
@@ -44,7 +44,7 @@ contains
     if (by_water) then
       if (size(change) > 0) k = maxloc(abs(change), dim=1)
       if (k > 0) worst = abs(change(k))
-      if (k > 0) x = model%particles%field(place(model))%values(:, k)
+      if (k > 0) x = model%particles%field(present_place(model))%values(:, k)
     else if (size(force) > 0) then
       k = maxloc(maxval(abs(force), mask=is_free, dim=1), dim=1)
       worst = maxval(abs(force(:, k)), mask=is_free(:, k))
@@ -75,7 +75,7 @@ contains
     text = ''
     if (model%particles%count == 0) return
     associate (field => model%particles%field, h => model%p, n => model%particles%count)
-      p = nearest_point(field(place(model))%values(:, 1:n), x)
+      p = nearest_point(field(present_place(model))%values(:, 1:n), x)
       m = nint(field(h%material)%values(1, p))
       text = " in '"//trim(model%scene%material(m)%name)//"'"//surface_near(model, x)
       if (by_water) then
@@ -175,13 +175,6 @@ contains
     text = ''
     if (name /= '') text = ", beside surface '"//trim(name)//"'"
   end function surface_near
-
-  pure integer function place(model)
-    !! Field of the particles' present positions.
-    type(model_t), intent(in) :: model
-
-    place = merge(model%p%position_at_build, model%p%position, model%finite)
-  end function place
 
   pure integer function nearest_point(position, x) result(p)
     !! The point nearest to a place.

@@ -339,11 +339,11 @@ contains
     real(wp), allocatable, intent(out) :: soil(:), point_soil(:)   !! [m/s]
 
     associate (k => model%scene%material%hydraulic_conductivity, n => model%particles%count)
-      allocate (soil(n + model%particles%ghost_count))
-      soil(1:n) = k(nint(model%particles%field(model%p%material)%values(1, 1:n)))
-      call model%particle_map%gather(model%comm, 1, soil)
+      allocate (soil(n + model%particles%ghost_count), source=k(1))
       allocate (point_soil(model%surface%count + model%surface%ghost_count), source=k(1))
       if (model%s%material == 0) return   ! all alike
+      soil(1:n) = k(nint(model%particles%field(model%p%material)%values(1, 1:n)))
+      call model%particle_map%gather(model%comm, 1, soil)
       point_soil = k(nint(model%surface%field(model%s%material)%values(1, 1:size(point_soil))))
     end associate
   end subroutine soil_conductivities

@@ -9,7 +9,7 @@ module dosui_local_origin
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim
   use dosui_scene, only: hole_t, pattern_t, region_t, scene_t
-  use dosui_shapes, only: shape_bounds
+  use dosui_shapes, only: region_bounds
   implicit none
   private
 
@@ -41,9 +41,9 @@ contains
     high = -huge(1.0_wp)
     do r = 1, size(scene%region)
       if (scene%region(r)%shape == 'stl' .and. .not. allocated(scene%region(r)%body)) cycle
-      call shape_bounds(scene%region(r), scene%region(r)%shape_angle, lowest, highest)
-      low = min(low, scene%region(r)%pivot + lowest)
-      high = max(high, scene%region(r)%pivot + highest)
+      call region_bounds(scene%region(r), lowest, highest)
+      low = min(low, lowest)
+      high = max(high, highest)
     end do
   end subroutine scene_bounds
 

@@ -13,7 +13,7 @@ module dosui_scene_limits
   use dosui_scene, only: scene_t
   use dosui_scene_sizes, only: region_particles, scene_sizes_t, sizes_of
   use dosui_seeding, only: grid_reach, most_sites, region_spacing
-  use dosui_shapes, only: shape_bounds
+  use dosui_shapes, only: region_bounds, shape_bounds
   use dosui_text, only: to_text
   implicit none
   private
@@ -85,9 +85,7 @@ contains
     end if
     do r = 1, size(scene%region)
       if (scene%region(r)%shape == 'stl') cycle
-      call shape_bounds(scene%region(r), scene%region(r)%shape_angle, low, high)
-      low = scene%region(r)%pivot + low
-      high = scene%region(r)%pivot + high
+      call region_bounds(scene%region(r), low, high)
       if (any(abs(low) > limit .or. abs(high) > limit .or. abs(scene%region(r)%pivot) > limit)) then
         call complain(namelist, problems, 'region', r, place_key(scene, r), reason)
       end if
@@ -108,9 +106,7 @@ contains
             max(abs(low - scene%grid_origin), abs(high - scene%grid_origin)) <= reach)) return
     do r = 1, size(scene%region)
       if (scene%region(r)%shape == 'stl' .and. .not. allocated(scene%region(r)%body)) cycle
-      call shape_bounds(scene%region(r), scene%region(r)%shape_angle, low, high)
-      low = scene%region(r)%pivot + low
-      high = scene%region(r)%pivot + high
+      call region_bounds(scene%region(r), low, high)
       if (all(max(abs(low), abs(high)) <= reach .and. &
               max(abs(low - scene%grid_origin), abs(high - scene%grid_origin)) <= reach)) cycle
       call complain(namelist, problems, 'region', r, place_key(scene, r), &

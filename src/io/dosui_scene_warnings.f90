@@ -3,12 +3,14 @@
 module dosui_scene_warnings
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim
+  use dosui_initial_state, only: geostatic_density
+  use dosui_local_origin, only: scene_bounds
   use dosui_name_index, only: name_index_t
   use dosui_namelist, only: namelist_t
   use dosui_region_contacts, only: region_contacts_t
-  use dosui_scene, only: initial_state_t, scene_t, table_t
+  use dosui_scene, only: scene_t, table_t
   use dosui_scene_checks, only: checker_t
-  use dosui_shapes, only: shape_bounds
+  use dosui_shapes, only: region_bounds
   use dosui_text, only: to_text, vector_text
   implicit none
   private
@@ -199,18 +201,26 @@ contains
     !! Initial states that set to zero, without a word, what an earlier one gave their region.
     type(checker_t), intent(inout) :: checker
     type(scene_t), intent(in) :: scene
-    integer :: j, k
+    character(len=16), parameter :: key(2) = ['pore_pressure   ', 'effective_stress']
+    logical :: given(2, 0:size(scene%region))   ! to every region so far, 0: to all of them
+    logical, dimension(2) :: anywhere, before, now, has
+    type(name_index_t) :: regions
+    integer :: i, k, r
 
-    do k = 2, size(scene%initial_state)
+    call regions%add_all(scene%region%name)
+    given = .false.
+    anywhere = .false.
+    do k = 1, size(scene%initial_state)
       associate (state => scene%initial_state(k))
-        do j = 1, k - 1
-          if (.not. (share_region(scene%initial_state(j), state))) cycle
-          if (scene%initial_state(j)%pore_pressure /= 'zero' .and. &
-              .not. checker%has('initial_state', k, 'pore_pressure')) exit
-          if (scene%initial_state(j)%effective_stress /= 'zero' .and. &
-              .not. checker%has('initial_state', k, 'effective_stress')) exit
-        end do
-        if (j == k) cycle
+        r = 0
+        if (state%region /= '') r = regions%find(state%region)
+        before = given(:, 0) .or. given(:, r)
+        if (r == 0) before = anywhere
+        has = [(checker%has('initial_state', k, trim(key(i))), i=1, 2)]
+        now = [state%pore_pressure /= 'zero', state%effective_stress /= 'zero']
+        given(:, r) = given(:, r) .or. now
+        anywhere = anywhere .or. now
+        if (.not. any(before .and. .not. has)) cycle
         call checker%complain('initial_state', k, 'region', 'sets all of the state, and so to '// &
                               'zero what it does not name and an earlier &initial_state gave: '// &
                               'name pore_pressure and effective_stress')
@@ -218,32 +228,21 @@ contains
     end do
   end subroutine warn_of_overridden_states
 
-  pure logical function share_region(one, other)
-    !! Do two initial states act on a common region?
-    type(initial_state_t), intent(in) :: one, other
-
-    share_region = one%region == '' .or. other%region == '' .or. one%region == other%region
-  end function share_region
-
   subroutine warn_of_water_tables(checker, scene)
     !! Geostatic stresses by the weight under water where the water does not reach the surface: the
     !! missing part is the weight of the water above its level.
     type(checker_t), intent(inout) :: checker
     type(scene_t), intent(in) :: scene
-    real(wp) :: low(ndim), high(ndim), top
-    integer :: k, r
+    real(wp) :: low(ndim), high(ndim)
+    integer :: k
 
     if (scene%water_mode /= 'saturated') return
-    top = -huge(1.0_wp)
-    do r = 1, size(scene%region)
-      call shape_bounds(scene%region(r), scene%region(r)%shape_angle, low, high)
-      top = max(top, scene%region(r)%pivot(ndim) + high(ndim))
-    end do
+    call scene_bounds(scene, low, high)
     do k = 1, size(scene%initial_state)
       associate (state => scene%initial_state(k), near => round_off*scene%grid_spacing)
         if (state%effective_stress /= 'geostatic' .or. state%pore_pressure /= 'hydrostatic') cycle
         ! a level above all soil has been raised to stand for what lies between
-        if (state%surface_level > top + near) cycle
+        if (state%surface_level > high(ndim) + near) cycle
         if (state%surface_level - state%water_level <= near) cycle
         call checker%complain('initial_state', k, 'effective_stress', 'is the weight under '// &
                               'water, from surface_level on, but the water stands '// &
@@ -257,38 +256,33 @@ contains
     !! Geostatic stresses below a layer of another weight: each soil counts only with its own.
     type(checker_t), intent(inout) :: checker
     type(scene_t), intent(in) :: scene
-    real(wp), allocatable :: low(:, :), high(:, :), density(:)
-    integer, allocatable :: state(:)   !! index of the one in force in a region, 0: none
-    integer :: a, b, k, n
-    logical :: is_above
+    real(wp) :: low(ndim, size(scene%region)), high(ndim, size(scene%region))
+    real(wp) :: density(size(scene%region)), near
+    integer :: state(size(scene%region))   ! the one that makes a region's stresses, 0: none
+    type(name_index_t) :: materials
+    integer :: a, b
 
-    n = size(scene%region)
-    allocate (low(ndim, n), high(ndim, n), density(n), state(n))
-    state = 0
-    do a = 1, n
-      call shape_bounds(scene%region(a), scene%region(a)%shape_angle, low(:, a), high(:, a))
-      low(:, a) = low(:, a) + scene%region(a)%pivot
-      high(:, a) = high(:, a) + scene%region(a)%pivot
-      density(a) = weight_density(scene, scene%region(a)%material)
-      do k = 1, size(scene%initial_state)
-        if (scene%initial_state(k)%region == '' .or. &
-            scene%initial_state(k)%region == scene%region(a)%name) state(a) = k
-      end do
-      if (state(a) == 0) cycle
-      if (scene%initial_state(state(a))%effective_stress /= 'geostatic') state(a) = 0
+    call materials%add_all(scene%material%name)
+    call find_geostatic(scene, state)
+    do a = 1, size(state)
+      call region_bounds(scene%region(a), low(:, a), high(:, a))
+      density(a) = geostatic_density(scene, materials%find(scene%region(a)%material), &
+                                     scene%water_mode == 'saturated')
     end do
-    do a = 1, n
+    if (.not. any(state > 0)) return
+    near = round_off*scene%grid_spacing
+    if (maxval(density, mask=state > 0) - minval(density, mask=state > 0) <= &
+        round_off*maxval(density, mask=state > 0)) return   ! one weight for all
+    do a = 1, size(state)
       if (state(a) == 0) cycle
-      do b = 1, n
-        if (b == a .or. state(b) == 0) cycle
-        is_above = all(min(high(:ndim - 1, a), high(:ndim - 1, b)) > &
-                       max(low(:ndim - 1, a), low(:ndim - 1, b))) .and. &
-                   low(ndim, b) >= high(ndim, a) - round_off*scene%grid_spacing
-        if (.not. is_above) cycle
+      do b = 1, size(state)
+        if (state(b) == 0 .or. abs(density(a) - density(b)) <= round_off*density(a)) cycle
+        if (.not. (low(ndim, b) >= high(ndim, a) - near .and. &
+                   all(min(high(:ndim - 1, a), high(:ndim - 1, b)) > &
+                       max(low(:ndim - 1, a), low(:ndim - 1, b))))) cycle
         ! who gives the layers levels of their own has counted what lies above
         if (abs(scene%initial_state(state(a))%surface_level - &
-                scene%initial_state(state(b))%surface_level) > round_off*scene%grid_spacing) cycle
-        if (abs(density(a) - density(b)) <= round_off*density(a)) cycle
+                scene%initial_state(state(b))%surface_level) > near) cycle
         call checker%complain('initial_state', state(a), 'effective_stress', "takes '"// &
                               trim(scene%region(a)%name)//"' to have its own weight up to "// &
                               "surface_level, but '"//trim(scene%region(b)%name)//"' lies "// &
@@ -299,19 +293,30 @@ contains
     end do
   end subroutine warn_of_layers
 
-  pure real(wp) function weight_density(scene, name) result(density)
-    !! Density that geostatic stresses take for a soil, under water in scenes with water [kg/m3].
+  subroutine find_geostatic(scene, state)
+    !! The initial state in force in every region, the last that names it or all regions, if its
+    !! stresses are geostatic.
     type(scene_t), intent(in) :: scene
-    character(len=*), intent(in) :: name
-    integer :: m
+    integer, intent(out) :: state(:)   !! index, 0: there is none
+    type(name_index_t) :: regions
+    integer :: everywhere, k   ! the last one that names no region
 
-    density = 0.0_wp
-    m = findloc(scene%material%name == name, .true., dim=1)
-    if (m == 0) return
-    density = scene%material(m)%solid_density
-    if (scene%water_mode == 'saturated') density = density - scene%water%density
-    density = (1.0_wp - scene%material(m)%porosity)*density
-  end function weight_density
+    call regions%add_all(scene%region%name)
+    state = 0
+    everywhere = 0
+    do k = 1, size(scene%initial_state)
+      if (scene%initial_state(k)%region == '') then
+        everywhere = k
+      else
+        state(regions%find(scene%initial_state(k)%region)) = k
+      end if
+    end do
+    state = max(state, everywhere)
+    do k = 1, size(state)
+      if (state(k) == 0) cycle
+      if (scene%initial_state(state(k))%effective_stress /= 'geostatic') state(k) = 0
+    end do
+  end subroutine find_geostatic
 
   subroutine warn_of_unused(checker, scene)
     !! Materials and surfaces that nothing uses.

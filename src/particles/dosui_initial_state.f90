@@ -6,11 +6,11 @@ module dosui_initial_state
   use dosui_point_set, only: point_set_t
   use dosui_scene, only: initial_state_t, region_t, scene_t
   use dosui_seeding, only: lattice_parity
-  use dosui_shapes, only: shape_bounds, shape_contains
+  use dosui_shapes, only: region_bounds, shape_contains
   implicit none
   private
 
-  public :: apply_initial_state, initial_stress_change
+  public :: apply_initial_state, geostatic_density, initial_stress_change
 
   real(wp), parameter :: pi = acos(-1.0_wp)
 
@@ -66,21 +66,30 @@ contains
     integer, intent(in) :: m        !! material
     logical, intent(in) :: is_wet   !! grains have buoyancy
     real(wp), intent(in) :: position(ndim)   !! [m]
-    real(wp) :: stress(6), density
+    real(wp) :: stress(6)
 
     stress = 0.0_wp
     if (state%effective_stress == 'given') then
       stress = state%effective_stress_value
     else if (state%effective_stress == 'geostatic') then
-      associate (material => scene%material(m))
-        density = (1.0_wp - material%porosity)*material%solid_density
-        if (is_wet) density = density - (1.0_wp - material%porosity)*scene%water%density
-      end associate
       ! gravity points down, so this is negative (compression) below the surface
-      stress(3) = density*scene%gravity(ndim)*max(state%surface_level - position(ndim), 0.0_wp)
+      stress(3) = geostatic_density(scene, m, is_wet)*scene%gravity(ndim)* &
+                  max(state%surface_level - position(ndim), 0.0_wp)
       stress(1:2) = state%lateral_ratio*stress(3)
     end if
   end function initial_stress
+
+  pure real(wp) function geostatic_density(scene, m, is_wet) result(density)
+    !! Density whose weight makes geostatic stresses, under water that of buoyant grains [kg/m3].
+    type(scene_t), intent(in) :: scene
+    integer, intent(in) :: m        !! material
+    logical, intent(in) :: is_wet   !! grains have buoyancy
+
+    associate (material => scene%material(m))
+      density = (1.0_wp - material%porosity)*material%solid_density
+      if (is_wet) density = density - (1.0_wp - material%porosity)*scene%water%density
+    end associate
+  end function geostatic_density
 
   pure function initial_stress_change(scene, m, is_wet, position, way) result(change)
     !! How much the initial effective stress of a particle would differ some way off; 0 if it has
@@ -118,9 +127,9 @@ contains
     foot = huge(1.0_wp)
     head = -huge(1.0_wp)
     do r = 1, size(regions)
-      call shape_bounds(regions(r), regions(r)%shape_angle, low, high)
-      foot = min(foot, regions(r)%pivot(ndim) + low(ndim))
-      head = max(head, regions(r)%pivot(ndim) + high(ndim))
+      call region_bounds(regions(r), low, high)
+      foot = min(foot, low(ndim))
+      head = max(head, high(ndim))
     end do
   end subroutine bar_ends
 

@@ -9,7 +9,7 @@ module dosui_region_contacts
   use dosui_name_index, only: name_index_t
   use dosui_scene, only: mechanical_condition_t, scene_t, table_t
   use dosui_seeding, only: region_spacing
-  use dosui_shapes, only: face_t, shape_bounds, shape_contains
+  use dosui_shapes, only: face_t, region_bounds, shape_contains
   use dosui_sort, only: sort_permutation
   implicit none
   private
@@ -152,10 +152,7 @@ contains
     n = size(scene%region)
     allocate (self%low(ndim, n), self%high(ndim, n))
     do r = 1, n
-      call shape_bounds(scene%region(r), scene%region(r)%shape_angle, self%low(:, r), &
-                        self%high(:, r))
-      self%low(:, r) = self%low(:, r) + scene%region(r)%pivot
-      self%high(:, r) = self%high(:, r) + scene%region(r)%pivot
+      call region_bounds(scene%region(r), self%low(:, r), self%high(:, r))
     end do
     column = int(min((self%low(1, :) - minval(self%low(1, :)))/scene%grid_spacing, far_away), i8)
     call sort_permutation(column, order)

@@ -8,7 +8,8 @@ module dosui_shapes
   implicit none
   private
 
-  public :: shape_bounds, shape_contains, shape_faces, shape_measure, spatial, turned, degrees
+  public :: region_bounds, shape_bounds, shape_contains, shape_faces, shape_measure, spatial, &
+            turned, degrees
 
   real(wp), parameter :: degrees = acos(-1.0_wp)/180.0_wp   !! radians per degree
 
@@ -60,6 +61,16 @@ contains
     place = 0.0_wp
     place(axis) = position
   end function spatial
+
+  pure subroutine region_bounds(region, low, high)
+    !! Bounds of a region where it lies [m].
+    type(region_t), intent(in) :: region
+    real(wp), intent(out) :: low(ndim), high(ndim)
+
+    call shape_bounds(region, region%shape_angle, low, high)
+    low = low + region%pivot
+    high = high + region%pivot
+  end subroutine region_bounds
 
   pure subroutine shape_bounds(region, angle, low, high)
     !! Bounds, relative to the pivot, of the shape as given turned by an angle about the pivot [m].

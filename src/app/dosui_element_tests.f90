@@ -55,14 +55,13 @@ contains
 
     call rows%append('material,test,step,strain_xx,strain_yy,strain_zz,strain_zx,stress_xx,'// &
                      'stress_yy,stress_zz,stress_zx,pore_pressure'//newline)
-    call materials%init(scene%material, err)
-    if (err%failed()) return
+    call scene%prepare_materials(materials, uniform=.true.)
     tests = laboratory()
     do m = 1, size(scene%material)
       if (scene%material(m)%rigid) cycle
       do k = 1, size(tests)
         call run_test(materials%item(m)%model, trim(scene%material(m)%name), &
-                      scene%material(m)%porosity, pressure, tests(k), rows, err)
+                      scene%material(m)%porosity%constant, pressure, tests(k), rows, err)
       end do
     end do
     table = rows%text(:rows%length)

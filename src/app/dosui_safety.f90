@@ -5,7 +5,6 @@ module dosui_safety
   use dosui_kinds, only: wp
   use dosui_equilibrium, only: find_geostatic_equilibrium
   use dosui_error, only: error_t
-  use dosui_materials, only: weakened
   use dosui_model, only: model_t
   use dosui_point_set, only: point_set_t
   use dosui_text, only: to_text
@@ -25,28 +24,32 @@ contains
     type(error_t), intent(inout) :: err
     type(point_set_t) :: particles, surface   ! before the first trial
     real(wp) :: holds, fails, factor
-    integer :: n_iteration
+    logical, allocatable :: has_strength(:), is_kept(:)   ! of the materials
+    integer :: n_iteration, m
     logical :: stands
 
-    if (.not. any(model%scene%material%model == 'mohr_coulomb' .or. &
-                  model%scene%material%model == 'drucker_prager')) then
+    associate (soil => model%materials%item)
+      has_strength = [(soil(m)%model%has_strength(), m=1, size(soil))]
+      is_kept = [(soil(m)%model%is_nonlinear, m=1, size(soil))] .and. .not. has_strength
+    end associate
+    if (.not. any(has_strength)) then
       call err%set('--safety needs a material that can fail: model = ''mohr_coulomb'' or '// &
                    '''drucker_prager''')
       return
     end if
-    if (any(model%scene%material%model == 'cam_clay' .or. &
-            model%scene%material%model == 'dafalias_manzari')) then
-      call model%log%warning('--safety weakens cohesion and friction angles; soils of '// &
-                             'cam_clay and dafalias_manzari keep theirs')
-    end if
+    do m = 1, size(is_kept)
+      if (is_kept(m)) call model%log%warning('--safety weakens cohesion and friction angles; '// &
+                                             trim(model%scene%material(m)%name)//' ('// &
+                                             trim(model%scene%material(m)%model)//') keeps its '// &
+                                             'strength')
+    end do
     particles = model%particles
     surface = model%surface
     holds = 0.0_wp
     fails = huge(1.0_wp)
     factor = 1.0_wp
     do while (fails > resolution*holds)
-      call model%materials%init(weakened(model%scene%material, factor), err)
-      if (err%failed()) return
+      call model%materials%reduce_strength(factor)
       model%particles = particles
       model%surface = surface
       n_iteration = 0

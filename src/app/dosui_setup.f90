@@ -14,6 +14,7 @@ module dosui_setup
   use dosui_model, only: model_t
   use dosui_particle_fields, only: field_needs_t, register_particle_fields, &
                                    register_surface_fields
+  use dosui_place_properties, only: check_properties, choose_representatives, start_states
   use dosui_retention, only: retention_t
   use dosui_resolution, only: warn_of_thin_regions
   use dosui_scene, only: material_t, name_length, rigid_wall_t, scene_t
@@ -40,7 +41,6 @@ contains
     type(scene_t), intent(in) :: scene
     integer :: k, n
     logical :: affine, filtered
-    type(error_t) :: err
     type(field_needs_t) :: needs
 
     model%comm = comm
@@ -67,7 +67,7 @@ contains
     end if
     filtered = scene%mechanics%transfer == 'aflip' .and. .not. model%rigid
     affine = filtered .or. (scene%mechanics%transfer == 'apic' .and. .not. model%rigid)
-    call model%materials%init(scene%material, err)
+    call scene%prepare_materials(model%materials)
     call model%sources%init(scene%source, scene%local_origin)
     if (.not. model%rigid) call prepare_reactions(model)
     model%nonlinear = model%unsaturated .or. &
@@ -99,7 +99,9 @@ contains
     !! Are there soils of several conductivities?
     type(material_t), intent(in) :: material(:)
 
-    has_layers = maxval(material%hydraulic_conductivity) > minval(material%hydraulic_conductivity)
+    has_layers = maxval(material%hydraulic_conductivity%constant) > &
+                 minval(material%hydraulic_conductivity%constant) .or. &
+                 any(material%hydraulic_conductivity%varies())
   end function has_layers
 
   subroutine prepare_reactions(model)
@@ -173,7 +175,9 @@ contains
     if (len(problems) == 0) call check_overlaps(model, problems)
     if (len(problems) > 0) return
     call apply_initial_state(model%scene, model%particles, model%p)
-    if (model%p%state > 0) call start_states(model)
+    call check_properties(model, problems)
+    if (model%p%state > 0 .and. len(problems) == 0) call start_states(model, problems)
+    if (len(problems) > 0) return
     if (model%p%start_pressure > 0) then
       model%particles%field(model%p%start_pressure)%values = &
         model%particles%field(model%p%pore_pressure)%values
@@ -185,20 +189,6 @@ contains
                                                  model%scene%mechanics%density_scaling
     call distribute(model, err)
   end subroutine seed_model
-
-  subroutine start_states(model)
-    !! State variables that follow from initial stresses and porosities.
-    type(model_t), intent(inout) :: model
-    integer :: p
-
-    associate (field => model%particles%field, h => model%p)
-      do p = 1, model%particles%count
-        call model%materials%item(nint(field(h%material)%values(1, p)))%model%start_state( &
-          field(h%porosity)%values(1, p), field(h%effective_stress)%values(:, p), &
-          field(h%state)%values(:, p))
-      end do
-    end associate
-  end subroutine start_states
 
   subroutine start_undeformed(model)
     !! Deformation gradients and volumes of the reference configuration.
@@ -247,6 +237,7 @@ contains
 
     real(wp) :: movement
 
+    call choose_representatives(model)
     call find_moduli(model)
     call find_impedances(model)
     call choose_damping(model)

@@ -152,6 +152,9 @@ contains
       call part%init(9.0_wp*bulk*shear/(3.0_wp*bulk + shear), &
                      (3.0_wp*bulk - 2.0_wp*shear)/(2.0_wp*(3.0_wp*bulk + shear)))
       allocate (elastic%item(m)%model, source=part)
+      if (soils%item(m)%model%varies() .and. soils%item(m)%model%is_isotropic()) then
+        call elastic%item(m)%model%vary_like(soils%item(m)%model)
+      end if
     end do
   end function elastic_parts
 
@@ -161,7 +164,7 @@ contains
     type(material_set_t), intent(in) :: elastic
     real(wp), intent(in) :: before(:, :)   !! (nsig, n) [Pa]
     type(error_t), intent(inout) :: err
-    real(wp) :: change(nsig), strain(nsig, 1), mean, state(0, 1)
+    real(wp) :: change(nsig), strain(nsig, 1), mean, state(0, 1), bulk, shear
     integer :: m, p, n_state
 
     associate (field => model%particles%field, h => model%p)
@@ -170,9 +173,11 @@ contains
         change = field(h%effective_stress)%values(:, p) - before(:, p)
         associate (part => elastic%item(m)%model, soil => model%materials%item(m)%model)
           mean = sum(change(1:3))/3.0_wp
-          strain(:, 1) = change/part%shear_modulus()
-          strain(1:3, 1) = 0.5_wp*(change(1:3) - mean)/part%shear_modulus() + &
-                           mean/(3.0_wp*part%bulk_modulus())
+          bulk = part%bulk_modulus()
+          shear = part%shear_modulus()
+          if (part%varies()) call part%moduli(field(h%state)%values(:, p), bulk, shear)
+          strain(:, 1) = change/shear
+          strain(1:3, 1) = 0.5_wp*(change(1:3) - mean)/shear + mean/(3.0_wp*bulk)
           field(h%effective_stress)%values(:, p) = before(:, p)
           n_state = soil%n_state()
           if (n_state > 0) then

@@ -18,6 +18,7 @@ module dosui_implicit_system
   use dosui_error, only: error_t
   use dosui_finite_strain, only: geometric_stiffness, invert
   use dosui_model, only: model_t
+  use dosui_particle_moduli, only: find_moduli_of
   use dosui_pore_water, only: compressibility_at
   use dosui_skeleton_step, only: light_node_mass
   use dosui_stiffness, only: cell_lists, cell_operators_t, cell_strain_operators, &
@@ -1026,11 +1027,10 @@ contains
     !! 1-D, lambda + G in 2-D, K in 3-D.
     type(model_t), intent(in) :: model
     integer, intent(in) :: p
+    real(wp) :: bulk, shear
 
-    associate (material => model%materials%item(model%material(p))%model)
-      modulus = material%bulk_modulus() + &
-                material%shear_modulus()*(2.0_wp/real(ndim, wp) - 2.0_wp/3.0_wp)
-    end associate
+    call find_moduli_of(model, p, bulk, shear)
+    modulus = bulk + shear*(2.0_wp/real(ndim, wp) - 2.0_wp/3.0_wp)
   end function volume_modulus
 
   subroutine set_flow(self, weight, err)

@@ -106,7 +106,7 @@ contains
     associate (condition => model%scene%hydraulic_condition( &
                model%hydraulic_conditions%condition(p)), &
                field => model%surface%field, k => maxval(model%scene%material% &
-                                                         hydraulic_conductivity))
+                                                         hydraulic_conductivity%constant))
       value = 0.0_wp
       if (condition%kind /= 'seepage_face') then
         value = condition%value_at(time, field(model%s%position)%values(:, p))

@@ -11,6 +11,7 @@ module dosui_topology
   use dosui_ghosts, only: find_ghosts
   use dosui_head_operator, only: kind_head
   use dosui_keys, only: pack_key
+  use dosui_particle_moduli, only: find_moduli_of
   use dosui_model, only: model_t
   use dosui_neighbours, only: build_neighbours
   use dosui_moving_loads, only: build_moving_loads
@@ -834,9 +835,9 @@ contains
       do p = 1, model%particles%count
         associate (material => model%scene%material(model%material(p)))
           if (material%conductivity_law /= 'kozeny_carman') cycle
-          first = material%porosity
+          first = material%porosity%constant
           factor = (porosity(1, p)/first)**3*((1.0_wp - first)/(1.0_wp - porosity(1, p)))**2
-          conductivity(1, p) = material%hydraulic_conductivity*factor
+          conductivity(1, p) = material%hydraulic_conductivity%constant*factor
         end associate
       end do
     end associate
@@ -865,6 +866,7 @@ contains
     type(model_t), intent(inout) :: model
     real(wp), allocatable :: compressibility(:), softness(:), cells(:, :), blocks(:, :), sums(:)
     real(wp) :: tau_cell, tau_block, row_sum, modulus, least
+    real(wp) :: bulk, shear
     logical :: plain   ! no projection
     integer :: n, p
 
@@ -878,7 +880,8 @@ contains
       modulus = 0.0_wp
       softness(p) = 0.0_wp
       if (.not. model%rigid) then
-        modulus = model%materials%item(model%material(p))%model%constrained_modulus()
+        call find_moduli_of(model, p, bulk, shear)
+        modulus = bulk + 4.0_wp*shear/3.0_wp
         softness(p) = 1.0_wp/modulus
       end if
       if (model%updated) then

@@ -112,7 +112,7 @@ contains
       if (model%hydraulic_conditions%condition(p) == 0) cycle
       if (model%hydraulic_conditions%kind(p) == kind_flux) cycle
       volume = volume + model%surface%field(model%s%area)%values(1, p)*model%clock%dt* &
-               maxval(model%scene%material%hydraulic_conductivity)* &
+               maxval(model%scene%material%hydraulic_conductivity%constant)* &
                abs(model%hydraulic_conditions%datum(p))/model%spacing
     end do
   end function water_at_hand

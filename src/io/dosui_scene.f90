@@ -6,13 +6,23 @@ module dosui_scene
   use dosui_kinds, only: wp, i8
   use dosui_dimension, only: ndim, nsig, axis
   use dosui_expression, only: expression_t
+  use dosui_key_visitor, only: name_length
+  use dosui_material_model, only: material_model_t
+  use dosui_materials, only: create_model, material_set_t, soil_catalogue_t
   use dosui_problems, only: problems_t
+  use dosui_scalar_function, only: scalar_function_t
   use dosui_triangles, only: triangles_t
   implicit none
   private
 
-  integer, parameter, public :: name_length = 64   !! characters of a name in a scene
+  public :: name_length
+
   character(len=1), parameter, public :: axis_name(3) = ['x', 'y', 'z']   !! in formulas
+
+  ! of properties that may vary with place
+  character(len=*), parameter, public :: density_range = '> 0'               !! [kg/m3]
+  character(len=*), parameter, public :: porosity_range = '> 0 and < 1'      !! [-]
+  character(len=*), parameter, public :: conductivity_range = '>= 0'         !! [m/s]
 
   type, public :: table_t
     !! A function of time: linear between entries, constant before the first and after the last.
@@ -64,56 +74,26 @@ module dosui_scene
   end type region_t
 
   type, public :: material_t
+    !! A soil: what every one has, and a constitutive model with its own constants. Values that are
+    !! formulas of place hold the largest (and the least) of their regions.
     character(len=name_length) :: name = ''
     character(len=name_length) :: model = 'linear_elastic'
-    real(wp) :: young_modulus = 0.0_wp               !! drained [Pa]
-    real(wp) :: poisson_ratio = 0.0_wp               !! drained [-]
-    real(wp) :: solid_density = 2650.0_wp            !! of the grains [kg/m3]
-    real(wp) :: porosity = 0.3_wp                    !! initial [-]
-    real(wp) :: hydraulic_conductivity = 0.0_wp      !! k [m/s]
+    class(material_model_t), allocatable :: soil     !! with its constants; see `choose_soil`
+    type(scalar_function_t) :: solid_density = scalar_function_t(2650.0_wp)   !! grains [kg/m3]
+    type(scalar_function_t) :: porosity = scalar_function_t(0.3_wp)   !! initial [-]
+    type(scalar_function_t) :: hydraulic_conductivity                 !! k [m/s]
     character(len=name_length) :: conductivity_law = 'constant'   !! or 'kozeny_carman'
     logical :: rigid = .false.                       !! skeleton does not move: pure seepage
-    real(wp) :: cohesion = 0.0_wp                    !! c [Pa]
-    real(wp) :: friction_angle = 0.0_wp              !! phi [deg]
-    real(wp) :: dilation_angle = 0.0_wp              !! psi [deg]
-    real(wp) :: tensile_strength = huge(1.0_wp)      !! cut-off of tension [Pa]
-    real(wp) :: softening_strain = 0.0_wp            !! plastic shear strain; 0: no softening [-]
-    real(wp) :: softening_displacement = 0.0_wp      !! across a shear band, in its place [m]
-    real(wp) :: band_width = 1.0_wp   !! of shear bands, the grid's spacing: not a key [m]
-    real(wp) :: residual_cohesion = 0.0_wp           !! after softening [Pa]
-    real(wp) :: residual_friction_angle = 0.0_wp     !! likewise [deg]
-    character(len=name_length) :: cone = 'compression'
-    !! fit of Drucker-Prager's cone: 'compression', 'extension' or 'plane_strain'
-    real(wp) :: critical_state_ratio = 1.25_wp       !! M of Cam-clay and sand [-]
-    real(wp) :: compression_index = 0.1_wp           !! lambda, in specific volume and ln p [-]
-    real(wp) :: swelling_index = 0.01_wp             !! kappa, likewise [-]
-    real(wp) :: over_consolidation_ratio = 1.0_wp    !! at the start [-]
-    real(wp) :: least_pressure = 1.0e3_wp            !! keeps some stiffness without stress [Pa]
-    real(wp) :: reference_pressure = 1.0e5_wp        !! that moduli are estimated for [Pa]
-    real(wp) :: shear_modulus_number = 125.0_wp      !! G_0 of sand; constants of Toyoura sand [-]
-    real(wp) :: extension_ratio = 0.712_wp           !! c [-]
-    real(wp) :: critical_void_ratio = 0.934_wp       !! e_0 [-]
-    real(wp) :: critical_slope = 0.019_wp            !! lambda_c [-]
-    real(wp) :: critical_exponent = 0.7_wp           !! xi [-]
-    real(wp) :: yield_ratio = 0.01_wp                !! m [-]
-    real(wp) :: hardening_number = 7.05_wp           !! h_0 [-]
-    real(wp) :: hardening_void_factor = 0.968_wp     !! c_h [-]
-    real(wp) :: bounding_exponent = 1.1_wp           !! n^b [-]
-    real(wp) :: dilatancy_number = 0.704_wp          !! A_0 [-]
-    real(wp) :: dilatancy_exponent = 3.5_wp          !! n^d [-]
-    real(wp) :: fabric_limit = 4.0_wp                !! z_max [-]
-    real(wp) :: fabric_rate = 600.0_wp               !! c_z [-]
-    real(wp) :: atmospheric_pressure = 1.01e5_wp     !! p_at [Pa]
-    real(wp) :: smallest_pressure = 100.0_wp         !! p of sand never falls below [Pa]
-    real(wp) :: substep_tolerance = 1.0e-5_wp        !! error of a sub-step of sand [-]
     character(len=name_length) :: retention = 'none'   !! 'none' (saturated) or 'van_genuchten'
     real(wp) :: retention_alpha = 0.0_wp             !! inverse of a suction head [1/m]
     real(wp) :: retention_exponent = 2.0_wp          !! n of van Genuchten [-]
     real(wp) :: residual_saturation = 0.0_wp         !! of the driest soil [-]
     real(wp) :: least_conductivity = 1.0e-6_wp       !! over that of the saturated soil [-]
   contains
-    procedure :: softens => material_softens
-    procedure :: softening_in_force => material_softening_in_force
+    procedure :: choose_soil => material_choose_soil
+    procedure :: set => material_set
+    procedure :: varies => material_varies
+    procedure :: value => material_value
   end type material_t
 
   type, public :: water_t
@@ -338,6 +318,7 @@ module dosui_scene
     type(verification_t) :: verification
     type(region_t), allocatable :: region(:)
     type(material_t), allocatable :: material(:)
+    type(soil_catalogue_t) :: catalogue              !! of the models that materials may have
     type(initial_state_t), allocatable :: initial_state(:)
     type(surface_t), allocatable :: surface(:)
     type(mechanical_condition_t), allocatable :: mechanical_condition(:)
@@ -353,6 +334,7 @@ module dosui_scene
     procedure :: transfer_in_force => scene_transfer_in_force
     procedure :: mixture_density => scene_mixture_density
     procedure :: water_modulus => scene_water_modulus
+    procedure :: prepare_materials => scene_prepare_materials
   end type scene_t
 
 contains
@@ -404,43 +386,100 @@ contains
     head = -self%water%density*dot_product(self%gravity, self%local_origin)/self%water%unit_weight
   end function scene_head_at_origin
 
-  pure real(wp) function scene_mixture_density(self, material) result(density)
+  pure real(wp) function scene_mixture_density(self, material, position) result(density)
     !! Grains and the water in all voids, per volume [kg/m3].
     class(scene_t), intent(in) :: self
     integer, intent(in) :: material   !! index
+    real(wp), intent(in), optional :: position(ndim)
+    !! for materials that vary; without it the largest constants count [m]
+    real(wp) :: grains, porosity
 
     associate (soil => self%material(material))
-      density = (1.0_wp - soil%porosity)*soil%solid_density
-      if (self%water_mode /= 'none') density = density + soil%porosity*self%water%density
+      grains = soil%solid_density%constant
+      porosity = soil%porosity%constant
+      if (present(position)) then
+        grains = soil%solid_density%at(position + self%local_origin)
+        porosity = soil%porosity%at(position + self%local_origin)
+      end if
+      density = (1.0_wp - porosity)*grains
+      if (self%water_mode /= 'none') density = density + porosity*self%water%density
     end associate
   end function scene_mixture_density
 
   pure real(wp) function scene_water_modulus(self, material) result(modulus)
-    !! K_w/n: what undrained water adds to a soil's moduli; 0 in dry scenes [Pa].
+    !! K_w/n of the least porosity: what undrained water adds to a soil's moduli; 0 in dry scenes
+    !! [Pa].
     class(scene_t), intent(in) :: self
     integer, intent(in) :: material   !! index
 
     modulus = 0.0_wp
     if (self%water_mode == 'none') return
-    modulus = self%water%bulk_modulus/self%material(material)%porosity
+    modulus = self%water%bulk_modulus/self%material(material)%porosity%smallest()
   end function scene_water_modulus
 
-  pure elemental logical function material_softens(self) result(softens)
-    !! Do cohesion and friction fall with plastic strains?
+  subroutine scene_prepare_materials(self, materials, uniform)
+    !! The soils' models, ready to return stresses.
+    class(scene_t), intent(in) :: self
+    type(material_set_t), intent(out) :: materials
+    logical, intent(in), optional :: uniform   !! constants do not vary: the largest count
+    type(material_t) :: material
+    logical :: is_uniform
+    integer :: k
+
+    is_uniform = .false.
+    if (present(uniform)) is_uniform = uniform
+
+    allocate (materials%item(size(self%material)))
+    do k = 1, size(self%material)
+      material = self%material(k)
+      call material%choose_soil()
+      material%soil%porosity = material%porosity%constant
+      material%soil%band_width = self%grid_spacing
+      call material%soil%prepare()
+      if (.not. is_uniform) call material%soil%vary()
+      call move_alloc(material%soil, materials%item(k)%model)
+    end do
+  end subroutine scene_prepare_materials
+
+  subroutine material_choose_soil(self)
+    !! Makes the soil that `model` names, with default constants, unless it is there already.
+    class(material_t), intent(inout) :: self
+
+    if (.not. allocated(self%soil)) call create_model(self%model, self%soil)
+  end subroutine material_choose_soil
+
+  subroutine material_set(self, key, value)
+    !! Sets a constant of the soil by its key; nothing if the model has none of that name.
+    class(material_t), intent(inout) :: self
+    character(len=*), intent(in) :: key
+    real(wp), intent(in) :: value   !! unit of the key
+    integer :: k
+
+    call self%choose_soil()
+    k = self%soil%index_of(key)
+    if (k > 0) call self%soil%constant(k)%set(value)
+  end subroutine material_set
+
+  pure logical function material_varies(self) result(varies)
+    !! Is any property a formula of place?
     class(material_t), intent(in) :: self
 
-    softens = self%softening_strain > 0.0_wp .or. self%softening_displacement > 0.0_wp
-  end function material_softens
+    varies = self%solid_density%varies() .or. self%porosity%varies() .or. &
+             self%hydraulic_conductivity%varies()
+    if (allocated(self%soil)) varies = varies .or. any(self%soil%constant%varies())
+  end function material_varies
 
-  pure elemental real(wp) function material_softening_in_force(self) result(strain)
-    !! Plastic shear strain that softens fully: bands of shear are about one spacing of the grid
-    !! wide, whatever that is, so a displacement across them is a property of the soil where a
-    !! strain is one of the grid [-].
+  pure real(wp) function material_value(self, key) result(value)
+    !! A constant of the soil by its key, 0 if the model has none of that name [unit of the key].
     class(material_t), intent(in) :: self
+    character(len=*), intent(in) :: key
+    integer :: k
 
-    strain = self%softening_strain
-    if (self%softening_displacement > 0.0_wp) strain = self%softening_displacement/self%band_width
-  end function material_softening_in_force
+    value = 0.0_wp
+    if (.not. allocated(self%soil)) return
+    k = self%soil%index_of(key)
+    if (k > 0) value = self%soil%constant(k)%constant
+  end function material_value
 
   pure elemental logical function rigid_wall_is_rough(self) result(is_rough)
     !! Does what touches the wall stick to it?

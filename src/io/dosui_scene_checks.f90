@@ -53,7 +53,7 @@ contains
     call check_water(checker, scene)
     call check_integrator(checker, scene)
     call check_transfer(checker, scene)
-    call check_softening(checker, scene)
+    call check_soils(checker, scene)
     call check_sources(checker, scene)
     call check_suction(checker, scene)
     call check_barriers(checker, scene)
@@ -991,21 +991,19 @@ contains
                           '''aflip'', which deformation = ''updated'' takes by default')
   end subroutine check_transfer
 
-  subroutine check_softening(checker, scene)
-    !! Soils that soften have one measure of it.
+  subroutine check_soils(checker, scene)
+    !! Constants of soils that fit each other.
     type(checker_t), intent(inout) :: checker
     type(scene_t), intent(in) :: scene
+    character(len=:), allocatable :: key, message
     integer :: k
 
     do k = 1, size(scene%material)
-      associate (material => scene%material(k))
-        if (material%softening_strain > 0.0_wp .and. material%softening_displacement > 0.0_wp) then
-          call checker%complain('material', k, 'softening_strain', 'does not go with '// &
-                                'softening_displacement')
-        end if
-      end associate
+      if (scene%material(k)%rigid .or. .not. allocated(scene%material(k)%soil)) cycle
+      call scene%material(k)%soil%check(key, message)
+      if (len(message) > 0) call checker%complain('material', k, key, message)
     end do
-  end subroutine check_softening
+  end subroutine check_soils
 
   subroutine check_moving(checker, scene)
     !! What explicit steps of moving particles do not survive.
@@ -1032,9 +1030,11 @@ contains
       call checker%complain('scene', 1, 'deformation', 'finite needs a skeleton that moves')
     end if
     do k = 1, size(scene%material)
-      if (scene%material(k)%model /= 'dafalias_manzari') cycle
-      call checker%complain('material', k, 'model', 'dafalias_manzari works with deformation = '// &
-                            '''small_strain'' or ''updated'' only: its tensors do not follow F')
+      if (.not. allocated(scene%material(k)%soil)) cycle
+      if (scene%material(k)%soil%follows_finite_strains()) cycle
+      call checker%complain('material', k, 'model', trim(scene%material(k)%model)//' works '// &
+                            'with deformation = ''small_strain'' or ''updated'' only: its '// &
+                            'tensors do not follow F')
     end do
     do k = 1, size(scene%mechanical_condition)
       if (scene%mechanical_condition(k)%imposition == 'penalty') then

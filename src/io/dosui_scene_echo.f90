@@ -1,9 +1,10 @@
 !! A scene as namelist text: every key with the value in force. Reading it gives the same scene.
 module dosui_scene_echo
   use dosui_kinds, only: wp, i8
-  use dosui_scene, only: scene_t, name_length
-  use dosui_scene_keys, only: key_visitor_t, key_t, group_t, scene_groups, group_size, &
-                              visit_group, real_text
+  use dosui_key_visitor, only: key_t, key_visitor_t, name_length, real_text
+  use dosui_scalar_function, only: scalar_function_t
+  use dosui_scene, only: scene_t
+  use dosui_scene_keys, only: group_t, scene_groups, group_size, visit_group
   use dosui_text, only: to_text
   implicit none
   private
@@ -37,6 +38,7 @@ module dosui_scene_echo
     type(buffer_t) :: echo
   contains
     procedure :: real => write_real
+    procedure :: property => write_property
     procedure :: integer => write_integer
     procedure :: long => write_long
     procedure :: logical => write_logical
@@ -162,6 +164,18 @@ contains
 
     call append(self, key, real_text(value), 'unlimited')
   end subroutine write_real
+
+  subroutine write_property(self, value, key)
+    class(writer_t), intent(inout) :: self
+    type(scalar_function_t), intent(inout) :: value
+    type(key_t), intent(in) :: key
+
+    if (value%varies()) then
+      call append(self, key, quoted(value%formula), '')
+    else
+      call append(self, key, real_text(value%constant), 'unlimited')
+    end if
+  end subroutine write_property
 
   subroutine write_integer(self, value, key)
     class(writer_t), intent(inout) :: self

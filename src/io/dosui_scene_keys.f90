@@ -7,45 +7,22 @@
 module dosui_scene_keys
   use dosui_kinds, only: wp, i8
   use dosui_dimension, only: ndim, axis
+  use dosui_key_visitor, only: key, key_t, key_visitor_t, name_length, real_text, restart_content, &
+                               restart_free, restart_later
+  use dosui_materials, only: model_index, model_names, soil_catalogue_t
+  use dosui_scalar_function, only: scalar_function_t
   use dosui_scene, only: scene_t, region_t, material_t, water_t, mechanics_t, initial_state_t, &
                          surface_t, mechanical_condition_t, hydraulic_condition_t, probe_t, &
                          barrier_t, base_motion_t, hole_t, rigid_wall_t, &
                          solver_t, source_t, time_t, output_t, verification_t, table_t, &
-                         axis_name, name_length
+                         axis_name, conductivity_range, density_range, porosity_range
   use dosui_text, only: to_text
   implicit none
   private
 
   public :: scene_groups, group_size, allocate_group, visit_group, collect_keys
-  public :: real_text, in_range, choice_of, n_choice
 
   character(len=*), parameter :: or_unlimited = 'unlimited'
-
-  ! what a restart may change of a key (docs/restart.md)
-  integer, parameter, public :: restart_same = 0      !! nothing
-  integer, parameter, public :: restart_free = 1      !! its value
-  integer, parameter, public :: restart_later = 2     !! factors later than the checkpoint
-  integer, parameter, public :: restart_content = 3   !! the path, not what the file holds
-
-  type, public :: key_t
-    !! What is known about a key.
-    character(len=:), allocatable :: name
-    character(len=:), allocatable :: unit          !! '' for what has none
-    character(len=:), allocatable :: range         !! '' or '> 0', '>= 0 and <= 1', ...
-    character(len=:), allocatable :: choices       !! '' or the allowed texts, separated by blanks
-    character(len=:), allocatable :: description   !! one line
-    character(len=:), allocatable :: only          !! '' or where it has a meaning: kind = 'given'
-    character(len=:), allocatable :: fallback      !! '' or the default in words
-    logical :: is_required = .false.
-    logical :: applies = .true.                    !! is the condition `only` met in this instance?
-    logical :: is_undecided = .false.              !! unknown, because a choice above is missing
-    integer :: longest = name_length               !! characters of a text
-    integer :: restart = restart_same              !! what a restart may change
-    ! filled by collect_keys
-    character(len=:), allocatable :: group
-    character(len=:), allocatable :: kind          !! 'real', 'integer', 'logical', 'text', ...
-    character(len=:), allocatable :: default       !! as namelist text, '' for none
-  end type key_t
 
   type, public :: group_t
     !! What is known about a group.
@@ -56,90 +33,6 @@ module dosui_scene_keys
     logical :: is_free = .false.   !! a restart may change all of its keys
   end type group_t
 
-  type, abstract, public :: key_visitor_t
-    !! Does something with every key that it is shown.
-  contains
-    procedure(visit_real), deferred :: real
-    procedure(visit_integer), deferred :: integer
-    procedure(visit_long), deferred :: long
-    procedure(visit_logical), deferred :: logical
-    procedure(visit_name), deferred :: name
-    procedure(visit_text), deferred :: text
-    procedure(visit_vector), deferred :: vector
-    procedure(visit_list), deferred :: list
-    procedure(visit_points), deferred :: points
-  end type key_visitor_t
-
-  abstract interface
-    subroutine visit_real(self, value, key)
-      import :: key_visitor_t, key_t, wp
-      implicit none
-      class(key_visitor_t), intent(inout) :: self
-      real(wp), intent(inout) :: value
-      type(key_t), intent(in) :: key
-    end subroutine visit_real
-    subroutine visit_integer(self, value, key)
-      import :: key_visitor_t, key_t
-      implicit none
-      class(key_visitor_t), intent(inout) :: self
-      integer, intent(inout) :: value
-      type(key_t), intent(in) :: key
-    end subroutine visit_integer
-    subroutine visit_long(self, value, key)
-      !! An integer of 64 bits, of steps say.
-      import :: key_visitor_t, key_t, i8
-      implicit none
-      class(key_visitor_t), intent(inout) :: self
-      integer(i8), intent(inout) :: value
-      type(key_t), intent(in) :: key
-    end subroutine visit_long
-    subroutine visit_logical(self, value, key)
-      import :: key_visitor_t, key_t
-      implicit none
-      class(key_visitor_t), intent(inout) :: self
-      logical, intent(inout) :: value
-      type(key_t), intent(in) :: key
-    end subroutine visit_logical
-    subroutine visit_name(self, value, key)
-      import :: key_visitor_t, key_t, name_length
-      implicit none
-      class(key_visitor_t), intent(inout) :: self
-      character(len=name_length), intent(inout) :: value
-      type(key_t), intent(in) :: key
-    end subroutine visit_name
-    subroutine visit_text(self, value, key)
-      import :: key_visitor_t, key_t
-      implicit none
-      class(key_visitor_t), intent(inout) :: self
-      character(len=:), allocatable, intent(inout) :: value
-      type(key_t), intent(in) :: key
-    end subroutine visit_text
-    subroutine visit_vector(self, value, key)
-      !! A fixed number of reals.
-      import :: key_visitor_t, key_t, wp
-      implicit none
-      class(key_visitor_t), intent(inout) :: self
-      real(wp), intent(inout) :: value(:)
-      type(key_t), intent(in) :: key
-    end subroutine visit_vector
-    subroutine visit_list(self, value, key)
-      !! Any number of reals.
-      import :: key_visitor_t, key_t, wp
-      implicit none
-      class(key_visitor_t), intent(inout) :: self
-      real(wp), allocatable, intent(inout) :: value(:)
-      type(key_t), intent(in) :: key
-    end subroutine visit_list
-    subroutine visit_points(self, value, key)
-      !! Any number of points (ndim, n).
-      import :: key_visitor_t, key_t, wp
-      implicit none
-      class(key_visitor_t), intent(inout) :: self
-      real(wp), allocatable, intent(inout) :: value(:, :)
-      type(key_t), intent(in) :: key
-    end subroutine visit_points
-  end interface
-
   type, extends(key_visitor_t) :: collector_t
     !! Lists the keys with their kinds and defaults.
     character(len=:), allocatable :: group
@@ -147,6 +40,7 @@ module dosui_scene_keys
     type(key_t), allocatable :: key(:)
   contains
     procedure :: real => collect_real
+    procedure :: property => collect_property
     procedure :: integer => collect_integer
     procedure :: long => collect_long
     procedure :: logical => collect_logical
@@ -252,7 +146,7 @@ contains
     end select
   end function group_size
 
-  pure subroutine allocate_group(scene, group, n)
+  subroutine allocate_group(scene, group, n)
     !! Makes n instances of a group with defaults; nothing for a group that cannot be repeated.
     type(scene_t), intent(inout) :: scene
     character(len=*), intent(in) :: group
@@ -262,6 +156,7 @@ contains
     case ('material')
       if (allocated(scene%material)) deallocate (scene%material)
       allocate (scene%material(n))
+      call scene%catalogue%init()
     case ('region')
       if (allocated(scene%region)) deallocate (scene%region)
       allocate (scene%region(n))
@@ -308,7 +203,8 @@ contains
     case ('time')
       call visit_time(visitor, scene%time)
     case ('material')
-      call visit_material(visitor, scene%material(instance), scene%water_mode == 'none')
+      call visit_material(visitor, scene%material(instance), scene%catalogue, &
+                          scene%water_mode == 'none')
     case ('water')
       call visit_water(visitor, scene%water)
     case ('mechanics')
@@ -445,40 +341,28 @@ contains
                     restart=restart_free))
   end subroutine visit_time
 
-  subroutine visit_material(v, material, is_dry)
+  subroutine visit_material(v, material, catalogue, is_dry)
     !! Keys of &material.
     class(key_visitor_t), intent(inout) :: v
     type(material_t), intent(inout) :: material
+    type(soil_catalogue_t), intent(inout) :: catalogue
     logical, intent(in) :: is_dry
-    logical :: is_clay, is_sand
 
     call v%name(material%name, key('name', 'what regions call it', required=.true.))
     call v%name(material%model, &
-                key('model', 'constitutive model', &
-                    choices='linear_elastic mohr_coulomb drucker_prager cam_clay '// &
-                    'dafalias_manzari'))
+                key('model', 'constitutive model', choices=all_models()))
     call v%logical(material%rigid, &
                    key('rigid', 'the skeleton does not move: pure seepage'))
-    is_clay = material%model == 'cam_clay'
-    is_sand = material%model == 'dafalias_manzari'
-    call v%real(material%young_modulus, &
-                key('young_modulus', 'drained Young''s modulus; needed unless rigid', unit='Pa', &
-                    range='> 0', required=.not. material%rigid, &
-                    only='a model other than ''cam_clay'' and ''dafalias_manzari''', &
-                    applies=.not. (is_clay .or. is_sand)))
-    call v%real(material%poisson_ratio, &
-                key('poisson_ratio', 'drained Poisson''s ratio', unit='-', range='> -1 and < 0.5'))
-    call visit_strength(v, material)
-    call visit_cam_clay(v, material, is_clay, is_sand)
-    call visit_sand(v, material, is_sand)
-    call v%real(material%solid_density, &
-                key('solid_density', 'density of the grains', unit='kg/m3', range='> 0'))
-    call v%real(material%porosity, &
-                key('porosity', 'initial volume of voids per volume', unit='-', &
-                    range='> 0 and < 1'))
-    call v%real(material%hydraulic_conductivity, &
-                key('hydraulic_conductivity', 'Darcy''s k; 0: undrained', unit='m/s', &
-                    range='>= 0', only='water = ''saturated'' in &scene', applies=.not. is_dry))
+    call visit_soil(v, material, catalogue)
+    call v%property(material%solid_density, &
+                    key('solid_density', 'density of the grains', unit='kg/m3', range=density_range))
+    call v%property(material%porosity, &
+                    key('porosity', 'initial volume of voids per volume', unit='-', &
+                        range=porosity_range))
+    call v%property(material%hydraulic_conductivity, &
+                    key('hydraulic_conductivity', 'Darcy''s k; 0: undrained', unit='m/s', &
+                        range=conductivity_range, only='water = ''saturated'' in &scene', &
+                        applies=.not. is_dry))
     call v%name(material%conductivity_law, &
                 key('conductivity_law', 'constant, or following the porosity n of bodies that '// &
                     'deform much: n^3/(1 - n)^2 over its first value', &
@@ -487,143 +371,63 @@ contains
     call visit_retention(v, material, is_dry)
   end subroutine visit_material
 
-  subroutine visit_strength(v, material)
-    !! Keys of &material on friction and cohesion.
+  pure function all_models() result(choices)
+    !! Names of the constitutive models with blanks between them.
+    character(len=:), allocatable :: choices
+    integer :: m
+
+    choices = trim(model_names(1))
+    do m = 2, size(model_names)
+      choices = choices//' '//trim(model_names(m))
+    end do
+  end function all_models
+
+  subroutine visit_soil(v, material, catalogue)
+    !! Keys of &material that the constitutive models bring: those of its own model, and the
+    !! others', which mean nothing here.
     class(key_visitor_t), intent(inout) :: v
     type(material_t), intent(inout) :: material
-    character(len=*), parameter :: both = 'model = ''mohr_coulomb'' or ''drucker_prager'''
-    character(len=*), parameter :: planes = 'model = ''mohr_coulomb'''
-    logical :: applies, is_planes
+    type(soil_catalogue_t), intent(inout) :: catalogue
+    type(key_t) :: described
+    integer :: m, j, chosen
 
-    is_planes = material%model == 'mohr_coulomb'
-    applies = is_planes .or. material%model == 'drucker_prager'
-    call v%real(material%cohesion, &
-                key('cohesion', 'c; with friction_angle = 0 the undrained strength', unit='Pa', &
-                    range='>= 0', only=both, applies=applies))
-    call v%real(material%friction_angle, &
-                key('friction_angle', 'angle of friction', unit='deg', range='>= 0 and < 90', &
-                    only=both, applies=applies))
-    call v%real(material%dilation_angle, &
-                key('dilation_angle', 'psi, not above friction_angle', unit='deg', &
-                    range='>= 0 and < 90', only=both, applies=applies))
-    call v%real(material%tensile_strength, &
-                key('tensile_strength', 'largest principal (mohr_coulomb) or mean '// &
-                    '(drucker_prager) tension', unit='Pa', range='>= 0', only=both, &
-                    applies=applies, fallback=or_unlimited))
-    call v%real(material%softening_displacement, &
-                key('softening_displacement', 'displacement across a shear band over which '// &
-                    'cohesion and friction fall to their residual values: a plastic shear '// &
-                    'strain of this over the grid''s spacing; 0: they do not', unit='m', &
-                    range='>= 0', only=planes, applies=is_planes))
-    call v%real(material%softening_strain, &
-                key('softening_strain', 'plastic shear strain in place of '// &
-                    'softening_displacement; bands narrow with the grid''s spacing, and so '// &
-                    'does what softening takes', &
-                    unit='-', range='>= 0', only=planes, applies=is_planes))
-    call v%real(material%residual_cohesion, &
-                key('residual_cohesion', 'c after softening', unit='Pa', range='>= 0', &
-                    only='softening_displacement or softening_strain > 0', &
-                    applies=is_planes .and. material%softens()))
-    call v%real(material%residual_friction_angle, &
-                key('residual_friction_angle', 'phi after softening', unit='deg', &
-                    range='>= 0 and < 90', &
-                    only='softening_displacement or softening_strain > 0', &
-                    applies=is_planes .and. material%softens()))
-    call v%name(material%cone, &
-                key('cone', 'where the cone meets Mohr-Coulomb''s planes', &
-                    choices='compression extension plane_strain', &
-                    only='model = ''drucker_prager''', applies=material%model == 'drucker_prager'))
-  end subroutine visit_strength
+    call material%choose_soil()
+    chosen = model_index(material%model)
+    do m = 1, size(catalogue%model)
+      do j = 1, size(catalogue%key)
+        if (catalogue%bringer(j) /= m) cycle
+        associate (place => catalogue%key(j)%place)
+          if (is_owned(place)) then
+            described = material%soil%key_of(place(chosen))
+            described%is_required = described%is_required .and. .not. material%rigid
+            described%only = catalogue%key(j)%only
+            call v%property(material%soil%constant(place(chosen)), described)
+          else
+            described = catalogue%model(m)%model%key_of(place(m))
+            described%applies = .false.
+            described%is_undecided = chosen == 0
+            described%only = catalogue%key(j)%only
+            call v%property(catalogue%model(m)%model%constant(place(m)), described)
+          end if
+        end associate
+      end do
+      if (m == chosen) then
+        call material%soil%visit_options(v, .true.)
+      else
+        call catalogue%model(m)%model%visit_options(v, .false.)
+      end if
+    end do
 
-  subroutine visit_cam_clay(v, material, applies, is_sand)
-    !! Keys of &material on modified Cam-clay, and those that sand has, too.
-    class(key_visitor_t), intent(inout) :: v
-    type(material_t), intent(inout) :: material
-    logical, intent(in) :: applies, is_sand
-    character(len=*), parameter :: only = 'model = ''cam_clay'''
-    character(len=*), parameter :: both = 'model = ''cam_clay'' or ''dafalias_manzari'''
+  contains
 
-    call v%real(material%critical_state_ratio, &
-                key('critical_state_ratio', 'M: q/p in the critical state, of sand in triaxial '// &
-                    'compression; cam_clay needs it', unit='-', range='>= 0.1 and <= 3', &
-                    required=applies, only=both, applies=applies .or. is_sand))
-    call v%real(material%compression_index, &
-                key('compression_index', 'lambda: virgin compression in specific volume over '// &
-                    'ln p', unit='-', range='> 0', required=.true., only=only, applies=applies))
-    call v%real(material%swelling_index, &
-                key('swelling_index', 'kappa: swelling, likewise; below compression_index', &
-                    unit='-', range='> 0', required=.true., only=only, applies=applies))
-    call v%real(material%over_consolidation_ratio, &
-                key('over_consolidation_ratio', 'size of the yield surface over that through '// &
-                    'the initial stress', unit='-', range='>= 1', only=only, applies=applies))
-    call v%real(material%least_pressure, &
-                key('least_pressure', 'added to p in the elastic stiffness', unit='Pa', &
-                    range='> 0', only=only, applies=applies))
-    call v%real(material%reference_pressure, &
-                key('reference_pressure', 'largest mean effective stress that steps and '// &
-                    'penalties are estimated for', unit='Pa', range='> 0', only=both, &
-                    applies=applies .or. is_sand))
-  end subroutine visit_cam_clay
+    pure logical function is_owned(place)
+      !! Has the chosen model a key?
+      integer, intent(in) :: place(:)   !! of the models
 
-  subroutine visit_sand(v, material, applies)
-    !! Keys of &material on Dafalias & Manzari's sand; defaults are those of Toyoura sand.
-    class(key_visitor_t), intent(inout) :: v
-    type(material_t), intent(inout) :: material
-    logical, intent(in) :: applies
-    character(len=*), parameter :: only = 'model = ''dafalias_manzari'''
-
-    call v%real(material%shear_modulus_number, &
-                key('shear_modulus_number', 'G_0 in G = G_0 p_at (2.97 - e)^2/(1 + e) '// &
-                    'sqrt(p/p_at); this default and those of sand below are Toyoura sand''s, '// &
-                    'with poisson_ratio = 0.05', unit='-', range='> 0', only=only, &
-                    applies=applies))
-    call v%real(material%extension_ratio, &
-                key('extension_ratio', 'c: critical q/p of triaxial extension over that of '// &
-                    'compression', unit='-', range='>= 0.6 and <= 1', only=only, applies=applies))
-    call v%real(material%critical_void_ratio, &
-                key('critical_void_ratio', 'e_0 of the critical state, e_c = e_0 - '// &
-                    'lambda_c (p/p_at)^xi', unit='-', range='> 0 and < 2', only=only, &
-                    applies=applies))
-    call v%real(material%critical_slope, &
-                key('critical_slope', 'lambda_c, likewise', unit='-', range='>= 0', only=only, &
-                    applies=applies))
-    call v%real(material%critical_exponent, &
-                key('critical_exponent', 'xi, likewise', unit='-', range='> 0', only=only, &
-                    applies=applies))
-    call v%real(material%yield_ratio, &
-                key('yield_ratio', 'm: radius of the yield surface in q/p', unit='-', &
-                    range='>= 1e-3 and <= 0.2', only=only, applies=applies))
-    call v%real(material%hardening_number, &
-                key('hardening_number', 'h_0 of the plastic stiffness', unit='-', range='> 0', &
-                    only=only, applies=applies))
-    call v%real(material%hardening_void_factor, &
-                key('hardening_void_factor', 'c_h: the plastic stiffness goes with 1 - c_h e', &
-                    unit='-', range='>= 0', only=only, applies=applies))
-    call v%real(material%bounding_exponent, &
-                key('bounding_exponent', 'n^b: q/p is bounded by M exp(-n^b psi), psi = e - e_c', &
-                    unit='-', range='>= 0', only=only, applies=applies))
-    call v%real(material%dilatancy_number, &
-                key('dilatancy_number', 'A_0 of the dilatancy', unit='-', range='> 0', only=only, &
-                    applies=applies))
-    call v%real(material%dilatancy_exponent, &
-                key('dilatancy_exponent', 'n^d: sand dilates above q/p = M exp(n^d psi)', &
-                    unit='-', range='>= 0', only=only, applies=applies))
-    call v%real(material%fabric_limit, &
-                key('fabric_limit', 'z_max of the fabric that dilation builds', unit='-', &
-                    range='>= 0', only=only, applies=applies))
-    call v%real(material%fabric_rate, &
-                key('fabric_rate', 'c_z: how fast it builds it', unit='-', range='>= 0', &
-                    only=only, applies=applies))
-    call v%real(material%atmospheric_pressure, &
-                key('atmospheric_pressure', 'p_at of the formulas above', unit='Pa', &
-                    range='> 0', only=only, applies=applies))
-    call v%real(material%smallest_pressure, &
-                key('smallest_pressure', 'the mean effective stress does not fall below', &
-                    unit='Pa', range='> 0', only=only, applies=applies))
-    call v%real(material%substep_tolerance, &
-                key('substep_tolerance', 'error of a sub-step over the mean stress', unit='-', &
-                    range='>= 1e-10 and <= 1e-2', only=only, applies=applies, restart=restart_free))
-  end subroutine visit_sand
+      is_owned = .false.
+      if (chosen > 0) is_owned = place(chosen) > 0
+    end function is_owned
+  end subroutine visit_soil
 
   subroutine visit_retention(v, material, is_dry)
     !! Keys of &material on partial saturation.
@@ -1189,100 +993,6 @@ contains
                       required=.true.))
   end subroutine visit_verification
 
-  pure function key(name, description, unit, range, choices, only, applies, required, fallback, &
-                    longest, undecided, restart)
-    !! A key with what was left out empty.
-    character(len=*), intent(in) :: name, description
-    character(len=*), intent(in), optional :: unit, range, choices, only, fallback
-    logical, intent(in), optional :: applies, required, undecided
-    integer, intent(in), optional :: longest, restart
-    type(key_t) :: key
-
-    key%name = name
-    key%description = description
-    key%unit = ''
-    key%range = ''
-    key%choices = ''
-    key%only = ''
-    key%fallback = ''
-    if (present(unit)) key%unit = unit
-    if (present(range)) key%range = range
-    if (present(choices)) key%choices = choices
-    if (present(only)) key%only = only
-    if (present(fallback)) key%fallback = fallback
-    if (present(applies)) key%applies = applies
-    if (present(required)) key%is_required = required
-    if (present(longest)) key%longest = longest
-    if (present(undecided)) key%is_undecided = undecided
-    if (present(restart)) key%restart = restart
-  end function key
-
-  ! ---------------------------------------------------------------- what ranges and choices mean
-
-  pure logical function in_range(x, range) result(is_in)
-    !! Does a number fulfil all conditions of a range like '>= 0 and < 0.5'?
-    real(wp), intent(in) :: x
-    character(len=*), intent(in) :: range
-    character(len=:), allocatable :: rest
-    real(wp) :: bound
-    integer :: last, blank
-
-    is_in = .true.
-    rest = range
-    do while (len(rest) > 0)
-      last = index(rest//' and ', ' and ')
-      blank = index(rest, ' ')
-      read (rest(blank + 1:last - 1), *) bound
-      select case (rest(:blank - 1))
-      case ('>')
-        is_in = is_in .and. x > bound
-      case ('>=')
-        is_in = is_in .and. x >= bound
-      case ('<')
-        is_in = is_in .and. x < bound
-      case default
-        is_in = is_in .and. x <= bound
-      end select
-      if (last + 5 > len(rest)) exit
-      rest = rest(last + 5:)
-    end do
-  end function in_range
-
-  pure integer function n_choice(choices) result(n)
-    !! How many texts a list of choices holds.
-    character(len=*), intent(in) :: choices
-    integer :: k
-
-    n = 0
-    if (len(choices) > 0) n = 1
-    do k = 1, len(choices)
-      if (choices(k:k) == ' ') n = n + 1
-    end do
-  end function n_choice
-
-  pure function choice_of(choices, k) result(choice)
-    !! The k-th text of a list of choices.
-    character(len=*), intent(in) :: choices
-    integer, intent(in) :: k
-    character(len=name_length) :: choice
-    integer :: first, n
-
-    first = 1
-    do n = 2, k
-      first = first + index(choices(first:), ' ')
-    end do
-    choice = choices(first:first - 2 + index(choices(first:)//' ', ' '))
-  end function choice_of
-
-  pure function real_text(x) result(text)
-    !! A real as namelist text, '' if it stands for no limit.
-    real(wp), intent(in) :: x
-    character(len=:), allocatable :: text
-
-    text = ''
-    if (abs(x) < huge(x)) text = to_text(x)
-  end function real_text
-
   ! ---------------------------------------------------------------- collecting the table
 
   subroutine collect_keys(keys)
@@ -1335,6 +1045,14 @@ contains
 
     call append_real(self, value, key, 'real')
   end subroutine collect_real
+
+  subroutine collect_property(self, value, key)
+    class(collector_t), intent(inout) :: self
+    type(scalar_function_t), intent(inout) :: value
+    type(key_t), intent(in) :: key
+
+    call append_real(self, value%constant, key, 'real or formula')
+  end subroutine collect_property
 
   subroutine append_real(self, value, key, kind)
     !! Adds a key with a real default; huge ones mean that there is no limit.

@@ -8,20 +8,22 @@ module dosui_scene_reader
   use dosui_error, only: error_t
   use dosui_fields, only: field_name, find_fields, line_limit, most_fields, next_line, &
                           shown_word, text_start
+  use dosui_key_visitor, only: choice_of, in_range, key_t, key_visitor_t, n_choice, name_length
   use dosui_local_origin, only: choose_local_origin, distance_from, move_to_origin, scene_bounds
   use dosui_namelist, only: namelist_t, namelist_group_t, read_bytes, read_text_file, &
                             decimal_comma
   use dosui_numbers, only: text_as_real
   use dosui_point_file, only: parse_points
   use dosui_problems, only: problems_t
-  use dosui_scene, only: region_t, scene_t, table_t, name_length
+  use dosui_property_estimates, only: estimate_properties
+  use dosui_scalar_function, only: scalar_function_t
+  use dosui_scene, only: axis_name, region_t, scene_t, table_t
   use dosui_scene_checks, only: check_body_faces, check_scene
   use dosui_scene_dimension, only: scene_dimension
   use dosui_scene_echo, only: write_echo
   use dosui_scene_warnings, only: find_warnings
   use dosui_scene_limits, only: check_coordinates, check_reach, check_sizes
-  use dosui_scene_keys, only: key_visitor_t, key_t, group_t, scene_groups, allocate_group, &
-                              visit_group, collect_keys, in_range, n_choice, choice_of
+  use dosui_scene_keys, only: group_t, scene_groups, allocate_group, visit_group, collect_keys
   use dosui_shapes, only: shape_contains, shape_measure, spatial, turned
   use dosui_stl_file, only: parse_stl
   use dosui_text, only: lower_case, nearest_name, to_text
@@ -43,6 +45,7 @@ module dosui_scene_reader
     type(problems_t) :: problems
   contains
     procedure :: real => read_real
+    procedure :: property => read_property
     procedure :: integer => read_integer
     procedure :: long => read_long
     procedure :: logical => read_logical
@@ -107,6 +110,7 @@ contains
     call comm%broadcast(reason)
     if (len(reason) > 0) call problems%add(path, 0, 'output', 'directory', &
                                            "'"//scene%output%directory//"'", reason)
+    if (problems%count() == 0) call estimate_properties(scene, namelist, problems)
     if (problems%count() == 0) call check_sizes(comm, scene, namelist, problems)
     if (problems%count() == 0) call check_reach(scene, namelist, problems)
     if (problems%count() > 0) call err%set(path//': '//to_text(problems%count())//' problem(s)')
@@ -416,7 +420,6 @@ contains
     if (present(directory)) scene%output%directory = directory
     scene%shape_function = scene%shape_function_in_force()
     scene%mechanics%transfer = scene%transfer_in_force()
-    scene%material%band_width = scene%grid_spacing
     call check_scene(scene, namelist, problems)
     call write_echo(scene, scene%echo)
   end subroutine parse_groups
@@ -695,6 +698,32 @@ contains
     if (slot == 0) return
     if (self%has_count(slot, 1)) call self%one_real(slot, 1, value, key)
   end subroutine read_real
+
+  subroutine read_property(self, value, key)
+    class(reader_t), intent(inout) :: self
+    type(scalar_function_t), intent(inout) :: value
+    type(key_t), intent(in) :: key
+    character(len=:), allocatable :: message, reason
+    real(wp) :: constant
+    integer :: slot
+
+    call self%open_key(key, slot)
+    if (slot == 0) return
+    if (.not. self%has_count(slot, 1)) return
+    associate (given => self%group%key(slot)%value(1))
+      call text_as_real(given%text, constant, reason)
+      if (given%is_quoted .and. len(reason) > 0) then
+        call value%parse(given%text, axis_name(axis), message)
+        if (.not. (allocated(message) .or. value%varies() .or. &
+                   in_range(value%constant, key%range))) message = 'must be '//key%range
+        if (allocated(message)) call self%complain(slot, given%shown(), message//unit_text(key))
+      else
+        constant = value%constant
+        call self%one_real(slot, 1, constant, key)
+        call value%set(constant)
+      end if
+    end associate
+  end subroutine read_property
 
   subroutine read_integer(self, value, key)
     class(reader_t), intent(inout) :: self

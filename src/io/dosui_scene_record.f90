@@ -7,10 +7,10 @@ module dosui_scene_record
   use dosui_kinds, only: wp, i8
   use dosui_checksum, only: checksum_t
   use dosui_dimension, only: ndim
+  use dosui_key_visitor, only: key_t, restart_content, restart_free, restart_later, restart_same
   use dosui_scene, only: scene_t, region_t, table_t
   use dosui_scene_echo, only: entry_t, group_entries, is_in_force
-  use dosui_scene_keys, only: collect_keys, group_size, group_t, key_t, restart_content, &
-                              restart_free, restart_later, restart_same, scene_groups
+  use dosui_scene_keys, only: collect_keys, group_size, group_t, scene_groups
   use dosui_text, only: to_text
   implicit none
   private

@@ -156,12 +156,11 @@ contains
     character(len=*), intent(in) :: integrator
     type(scene_sizes_t), intent(inout) :: sizes
     type(material_set_t) :: materials
-    type(error_t) :: err
     real(wp) :: numbers, columns, fields
     logical :: is_wet
 
     is_wet = scene%water_mode /= 'none'
-    call materials%init(scene%material, err)
+    call scene%prepare_materials(materials)
     numbers = 21.0_wp + real(materials%n_state(), wp)   ! place, identity and the fields
     if (is_wet) numbers = numbers + 6.0_wp
     sizes%result_bytes = sizes%outputs*(real_bytes*numbers*sizes%particles + 13.0_wp*real_bytes)

@@ -3,10 +3,10 @@ module dosui_scene_template
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim
   use dosui_error, only: error_t
+  use dosui_key_visitor, only: key_t, restart_content, restart_free, restart_later
   use dosui_scene, only: scene_t
   use dosui_scene_echo, only: entry_t, group_entries
-  use dosui_scene_keys, only: group_t, key_t, scene_groups, group_size, allocate_group, &
-                              collect_keys, restart_content, restart_free, restart_later
+  use dosui_scene_keys, only: group_t, scene_groups, group_size, allocate_group, collect_keys
   implicit none
   private
 
@@ -178,9 +178,9 @@ contains
     scene%time%end_time = 9.0_wp
     scene%time%output_interval = 0.45_wp
     scene%material(1)%name = 'soil'
-    scene%material(1)%young_modulus = 1.0e6_wp
-    scene%material(1)%poisson_ratio = 0.2_wp
-    scene%material(1)%hydraulic_conductivity = 1.0e-3_wp
+    call scene%material(1)%set('young_modulus', 1.0e6_wp)
+    call scene%material(1)%set('poisson_ratio', 0.2_wp)
+    call scene%material(1)%hydraulic_conductivity%set(1.0e-3_wp)
     scene%water%bulk_modulus = 3.0e7_wp
     scene%region(1)%name = 'column'
     scene%region(1)%material = 'soil'

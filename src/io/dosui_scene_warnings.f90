@@ -8,7 +8,7 @@ module dosui_scene_warnings
   use dosui_name_index, only: name_index_t
   use dosui_namelist, only: namelist_t
   use dosui_region_contacts, only: region_contacts_t
-  use dosui_scene, only: scene_t, table_t
+  use dosui_scene, only: material_t, scene_t, table_t
   use dosui_scene_checks, only: checker_t
   use dosui_shapes, only: region_bounds
   use dosui_text, only: to_text, vector_text
@@ -80,7 +80,7 @@ contains
     end if
     do k = 1, size(scene%material)
       if (scene%material(k)%rigid) cycle
-      ratio = scene%material(k)%hydraulic_conductivity*pulsation*scene%water%density/ &
+      ratio = scene%material(k)%hydraulic_conductivity%constant*pulsation*scene%water%density/ &
               scene%water%unit_weight
       if (.not. ratio > most_fast_water) cycle
       call checker%complain('material', k, 'hydraulic_conductivity', 'the water''s own '// &
@@ -144,26 +144,26 @@ contains
     is_wet = scene%water_mode /= 'none'
     do k = 1, size(scene%material)
       associate (material => scene%material(k))
-        call warn_outside('material', k, 'solid_density', material%solid_density, least_density, &
-                          most_density, 'kg/m3')
+        call warn_outside('material', k, 'solid_density', material%solid_density%constant, &
+                          least_density, most_density, 'kg/m3')
         if (checker%has('material', k, 'young_modulus') .and. .not. material%rigid) then
-          call warn_outside('material', k, 'young_modulus', material%young_modulus, &
+          call warn_outside('material', k, 'young_modulus', material%value('young_modulus'), &
                             least_modulus, most_modulus, 'Pa')
         end if
         if (is_wet) call warn_outside('material', k, 'hydraulic_conductivity', &
-                                      material%hydraulic_conductivity, 0.0_wp, most_conductivity, &
-                                      'm/s')
-        if (material%softening_strain > 0.0_wp) then
+                                      material%hydraulic_conductivity%constant, 0.0_wp, &
+                                      most_conductivity, 'm/s')
+        if (checker%has('material', k, 'softening_strain') .and. &
+            material%value('softening_strain') > 0.0_wp) then
           call checker%complain('material', k, 'softening_strain', 'makes results depend on '// &
                                 'the grid, as bands of shear are one or two spacings wide: '// &
                                 'softening_displacement = '// &
-                                to_text(material%softening_strain*scene%grid_spacing, 4)// &
+                                to_text(material%value('softening_strain')*scene%grid_spacing, 4)// &
                                 ' [m] is the same on this grid and does not')
         end if
-        call warn_of_radians(checker, k, 'friction_angle', material%friction_angle)
-        call warn_of_radians(checker, k, 'dilation_angle', material%dilation_angle)
-        call warn_of_radians(checker, k, 'residual_friction_angle', &
-                             material%residual_friction_angle)
+        call warn_of_radians(checker, material, k, 'friction_angle')
+        call warn_of_radians(checker, material, k, 'dilation_angle')
+        call warn_of_radians(checker, material, k, 'residual_friction_angle')
       end associate
     end do
     if (is_wet) call warn_outside('water', 1, 'density', scene%water%density, least_density, &
@@ -185,13 +185,16 @@ contains
     end subroutine warn_outside
   end subroutine warn_of_materials
 
-  subroutine warn_of_radians(checker, instance, key, angle)
+  subroutine warn_of_radians(checker, material, instance, key)
     !! An angle that is small in degrees and sensible in radians.
     type(checker_t), intent(inout) :: checker
+    type(material_t), intent(in) :: material
     integer, intent(in) :: instance
     character(len=*), intent(in) :: key
-    real(wp), intent(in) :: angle   !! [deg]
+    real(wp) :: angle
 
+    if (.not. checker%has('material', instance, key)) return
+    angle = material%value(key)
     if (.not. (angle > 0.0_wp .and. angle < right_angle)) return
     call checker%complain('material', instance, key, 'is in degrees; in radians it would be '// &
                           to_text(angle*degrees, 3)//' [deg]')

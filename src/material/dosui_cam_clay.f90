@@ -10,11 +10,17 @@ module dosui_cam_clay
   use dosui_kinds, only: wp
   use dosui_dimension, only: nsig
   use dosui_error, only: error_t
+  use dosui_key_visitor, only: key, key_t
   use dosui_material_model, only: material_model_t
   use dosui_principal, only: deviator_of, elastic_matrix, tangent_from_invariants
+  use dosui_shared_keys, only: shared_key
   implicit none
   private
 
+  ! constants
+  integer, parameter :: poisson_ratio = 1, critical_state_ratio = 2, compression_index = 3, &
+                        swelling_index = 4, over_consolidation_ratio = 5, least_pressure = 6, &
+                        reference_pressure = 7, n_constant = 7
   integer, parameter :: yield_pressure = 1, specific_volume = 2   ! state variables
   integer, parameter :: most_iterations = 60
   integer, parameter :: most_doublings = 400, most_bisections = 200
@@ -37,9 +43,13 @@ module dosui_cam_clay
     real(wp) :: least_pressure = 1.0e3_wp    !! p_a [Pa]
     real(wp) :: reference_pressure = 1.0e5_wp   !! that moduli are estimated for [Pa]
   contains
+    procedure :: declare => cam_clay_declare
+    procedure :: key_of => cam_clay_key_of
+    procedure :: check => cam_clay_check
+    procedure :: prepare => cam_clay_prepare
     procedure :: init => cam_clay_init
-    procedure :: update_stress => cam_clay_update_stress
-    procedure :: tangent => cam_clay_tangent
+    procedure :: return_stress => cam_clay_return_stress
+    procedure :: elastic_tangent => cam_clay_elastic_tangent
     procedure :: start_state => cam_clay_start_state
     procedure :: shear_modulus => cam_clay_shear_modulus
     procedure :: bulk_modulus => cam_clay_bulk_modulus
@@ -73,6 +83,79 @@ module dosui_cam_clay
 
 contains
 
+  subroutine cam_clay_declare(self)
+    !! Constants with their defaults.
+    class(cam_clay_t), intent(inout) :: self
+
+    if (.not. allocated(self%constant)) allocate (self%constant(n_constant))
+    associate (value => self%constant)
+      value(critical_state_ratio)%constant = 1.25_wp
+      value(compression_index)%constant = 0.1_wp
+      value(swelling_index)%constant = 0.01_wp
+      value(over_consolidation_ratio)%constant = 1.0_wp
+      value(least_pressure)%constant = 1.0e3_wp
+      value(reference_pressure)%constant = 1.0e5_wp
+    end associate
+  end subroutine cam_clay_declare
+
+  pure function cam_clay_key_of(self, k) result(described)
+    !! Keys of the constants.
+    class(cam_clay_t), intent(in) :: self
+    integer, intent(in) :: k
+    type(key_t) :: described
+
+    associate (not_used => self%ratio)
+    end associate
+    select case (k)
+    case (poisson_ratio)
+      described = shared_key('poisson_ratio')
+    case (critical_state_ratio)
+      described = shared_key('critical_state_ratio')
+      described%is_required = .true.
+    case (compression_index)
+      described = key('compression_index', 'lambda: virgin compression in specific volume over '// &
+                      'ln p', unit='-', range='> 0', required=.true.)
+    case (swelling_index)
+      described = key('swelling_index', 'kappa: swelling, likewise; below compression_index', &
+                      unit='-', range='> 0', required=.true.)
+    case (over_consolidation_ratio)
+      described = key('over_consolidation_ratio', 'size of the yield surface over that through '// &
+                      'the initial stress', unit='-', range='>= 1')
+    case (least_pressure)
+      described = key('least_pressure', 'added to p in the elastic stiffness', unit='Pa', &
+                      range='> 0')
+    case default
+      described = shared_key('reference_pressure')
+    end select
+  end function cam_clay_key_of
+
+  pure subroutine cam_clay_check(self, key, message)
+    !! Swelling beyond compression.
+    class(cam_clay_t), intent(in) :: self
+    character(len=:), allocatable, intent(out) :: key, message
+
+    key = 'swelling_index'
+    message = ''
+    if (.not. self%constant(swelling_index)%constant < &
+        self%constant(compression_index)%constant) message = 'must be below compression_index'
+  end subroutine cam_clay_check
+
+  pure subroutine cam_clay_prepare(self)
+    !! The model's constants from those of the scene.
+    class(cam_clay_t), intent(inout) :: self
+
+    associate (value => self%constant%constant)
+      self%poisson_ratio = value(poisson_ratio)
+      self%ratio = value(critical_state_ratio)
+      self%compression = value(compression_index)
+      self%swelling = value(swelling_index)
+      self%over_consolidation = value(over_consolidation_ratio)
+      self%least_pressure = value(least_pressure)
+      self%reference_pressure = value(reference_pressure)
+    end associate
+    call self%init()
+  end subroutine cam_clay_prepare
+
   pure subroutine cam_clay_init(self)
     !! Names the state variables; all constants are components.
     class(cam_clay_t), intent(inout) :: self
@@ -104,7 +187,7 @@ contains
     factor = 1.5_wp*(1.0_wp - 2.0_wp*self%poisson_ratio)/(1.0_wp + self%poisson_ratio)
   end function poisson_factor
 
-  subroutine cam_clay_update_stress(self, n, strain_increment, stress, state, err, tangent)
+  subroutine cam_clay_return_stress(self, n, strain_increment, stress, state, err, tangent)
     !! Stresses after strain increments, and their consistent tangents. Fails, and leaves the
     !! point as it is, where pores close or stresses grow without end.
     class(cam_clay_t), intent(in) :: self
@@ -141,7 +224,7 @@ contains
                            [-to%slope(2, 1)/root_3, to%slope(2, 2)])
       end if
     end do
-  end subroutine cam_clay_update_stress
+  end subroutine cam_clay_return_stress
 
   pure subroutine find_trial(self, strain, stress, state, point, deviator, length)
     !! The elastic trial of an increment.
@@ -387,7 +470,7 @@ contains
                 matrix(1, 1)*right_side(2) - matrix(2, 1)*right_side(1)]/(a - b)
   end subroutine solve
 
-  subroutine cam_clay_tangent(self, stress, state, tangent)
+  subroutine cam_clay_elastic_tangent(self, stress, state, tangent)
     !! The elastic matrix at a stress.
     class(cam_clay_t), intent(in) :: self
     real(wp), intent(in) :: stress(nsig)
@@ -399,7 +482,7 @@ contains
                                                  max(0.0_wp, -sum(stress(1:3))/3.0_wp))
     shear = poisson_factor(self)*bulk
     tangent = elastic_matrix(bulk - 2.0_wp*shear/3.0_wp, shear)
-  end subroutine cam_clay_tangent
+  end subroutine cam_clay_elastic_tangent
 
   pure real(wp) function cam_clay_bulk_modulus(self) result(modulus)
     !! K at the reference pressure and a specific volume of 2 [Pa].

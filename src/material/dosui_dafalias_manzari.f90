@@ -13,11 +13,21 @@ module dosui_dafalias_manzari
   use dosui_kinds, only: wp
   use dosui_dimension, only: nsig, voigt6
   use dosui_error, only: error_t
+  use dosui_key_visitor, only: key, key_t, restart_free
   use dosui_material_model, only: material_model_t
   use dosui_principal, only: elastic_matrix
+  use dosui_shared_keys, only: shared_key
   implicit none
   private
 
+  ! constants
+  integer, parameter :: poisson_ratio = 1, critical_state_ratio = 2, shear_modulus_number = 3, &
+                        extension_ratio = 4, critical_void_ratio = 5, critical_slope = 6, &
+                        critical_exponent = 7, yield_ratio = 8, hardening_number = 9, &
+                        hardening_void_factor = 10, bounding_exponent = 11, &
+                        dilatancy_number = 12, dilatancy_exponent = 13, fabric_limit = 14, &
+                        fabric_rate = 15, atmospheric_pressure = 16, smallest_pressure = 17, &
+                        substep_tolerance = 18, reference_pressure = 19, n_constant = 19
   integer, parameter :: void_ratio = 1              ! state variable; tensors begin at
   integer, parameter :: back = 2                    ! alpha
   integer, parameter :: start = 2 + nsig            ! alpha where the loading began
@@ -65,9 +75,13 @@ module dosui_dafalias_manzari
     real(wp) :: reference_pressure = 1.0e5_wp   !! that moduli are estimated for [Pa]
     real(wp) :: reference_void_ratio = 0.7_wp   !! likewise [-]
   contains
+    procedure :: declare => dafalias_manzari_declare
+    procedure :: key_of => dafalias_manzari_key_of
+    procedure :: follows_finite_strains => dafalias_manzari_follows_finite_strains
+    procedure :: prepare => dafalias_manzari_prepare
     procedure :: init => dafalias_manzari_init
-    procedure :: update_stress => dafalias_manzari_update_stress
-    procedure :: tangent => dafalias_manzari_tangent
+    procedure :: return_stress => dafalias_manzari_return_stress
+    procedure :: elastic_tangent => dafalias_manzari_elastic_tangent
     procedure :: start_state => dafalias_manzari_start_state
     procedure :: shear_modulus => dafalias_manzari_shear_modulus
     procedure :: bulk_modulus => dafalias_manzari_bulk_modulus
@@ -89,6 +103,134 @@ module dosui_dafalias_manzari
   end type plan_t
 
 contains
+
+  subroutine dafalias_manzari_declare(self)
+    !! Constants with their defaults, those of Toyoura sand but for Poisson's ratio.
+    class(dafalias_manzari_t), intent(inout) :: self
+
+    if (.not. allocated(self%constant)) allocate (self%constant(n_constant))
+    associate (value => self%constant)
+      value(critical_state_ratio)%constant = 1.25_wp
+      value(shear_modulus_number)%constant = 125.0_wp
+      value(extension_ratio)%constant = 0.712_wp
+      value(critical_void_ratio)%constant = 0.934_wp
+      value(critical_slope)%constant = 0.019_wp
+      value(critical_exponent)%constant = 0.7_wp
+      value(yield_ratio)%constant = 0.01_wp
+      value(hardening_number)%constant = 7.05_wp
+      value(hardening_void_factor)%constant = 0.968_wp
+      value(bounding_exponent)%constant = 1.1_wp
+      value(dilatancy_number)%constant = 0.704_wp
+      value(dilatancy_exponent)%constant = 3.5_wp
+      value(fabric_limit)%constant = 4.0_wp
+      value(fabric_rate)%constant = 600.0_wp
+      value(atmospheric_pressure)%constant = 1.01e5_wp
+      value(smallest_pressure)%constant = 100.0_wp
+      value(substep_tolerance)%constant = 1.0e-5_wp
+      value(reference_pressure)%constant = 1.0e5_wp
+    end associate
+  end subroutine dafalias_manzari_declare
+
+  pure function dafalias_manzari_key_of(self, k) result(described)
+    !! Keys of the constants.
+    class(dafalias_manzari_t), intent(in) :: self
+    integer, intent(in) :: k
+    type(key_t) :: described
+
+    associate (not_used => self%ratio)
+    end associate
+    select case (k)
+    case (poisson_ratio)
+      described = shared_key('poisson_ratio')
+    case (critical_state_ratio)
+      described = shared_key('critical_state_ratio')
+    case (shear_modulus_number)
+      described = key('shear_modulus_number', 'G_0 in G = G_0 p_at (2.97 - e)^2/(1 + e) '// &
+                      'sqrt(p/p_at); this default and those of sand below are Toyoura '// &
+                      'sand''s, with poisson_ratio = 0.05', unit='-', range='> 0')
+    case (extension_ratio)
+      described = key('extension_ratio', 'c: critical q/p of triaxial extension over that '// &
+                      'of compression', unit='-', range='>= 0.6 and <= 1')
+    case (critical_void_ratio)
+      described = key('critical_void_ratio', 'e_0 of the critical state, e_c = e_0 - '// &
+                      'lambda_c (p/p_at)^xi', unit='-', range='> 0 and < 2')
+    case (critical_slope)
+      described = key('critical_slope', 'lambda_c, likewise', unit='-', range='>= 0')
+    case (critical_exponent)
+      described = key('critical_exponent', 'xi, likewise', unit='-', range='> 0')
+    case (yield_ratio)
+      described = key('yield_ratio', 'm: radius of the yield surface in q/p', unit='-', &
+                      range='>= 1e-3 and <= 0.2')
+    case (hardening_number)
+      described = key('hardening_number', 'h_0 of the plastic stiffness', unit='-', range='> 0')
+    case (hardening_void_factor)
+      described = key('hardening_void_factor', 'c_h: the plastic stiffness goes with 1 - c_h e', &
+                      unit='-', range='>= 0')
+    case (bounding_exponent)
+      described = key('bounding_exponent', &
+                      'n^b: q/p is bounded by M exp(-n^b psi), psi = e - e_c', unit='-', &
+                      range='>= 0')
+    case (dilatancy_number)
+      described = key('dilatancy_number', 'A_0 of the dilatancy', unit='-', range='> 0')
+    case (dilatancy_exponent)
+      described = key('dilatancy_exponent', 'n^d: sand dilates above q/p = M exp(n^d psi)', &
+                      unit='-', range='>= 0')
+    case (fabric_limit)
+      described = key('fabric_limit', 'z_max of the fabric that dilation builds', unit='-', &
+                      range='>= 0')
+    case (fabric_rate)
+      described = key('fabric_rate', 'c_z: how fast it builds it', unit='-', range='>= 0')
+    case (atmospheric_pressure)
+      described = key('atmospheric_pressure', 'p_at of the formulas above', unit='Pa', &
+                      range='> 0')
+    case (smallest_pressure)
+      described = key('smallest_pressure', 'the mean effective stress does not fall below', &
+                      unit='Pa', range='> 0')
+    case (substep_tolerance)
+      described = key('substep_tolerance', 'error of a sub-step over the mean stress', unit='-', &
+                      range='>= 1e-10 and <= 1e-2', restart=restart_free)
+    case default
+      described = shared_key('reference_pressure')
+    end select
+  end function dafalias_manzari_key_of
+
+  pure logical function dafalias_manzari_follows_finite_strains(self) result(follows)
+    !! Its tensors do not turn with the deformation gradient.
+    class(dafalias_manzari_t), intent(in) :: self
+
+    associate (not_used => self%ratio)
+    end associate
+    follows = .false.
+  end function dafalias_manzari_follows_finite_strains
+
+  pure subroutine dafalias_manzari_prepare(self)
+    !! The model's constants from those of the scene.
+    class(dafalias_manzari_t), intent(inout) :: self
+
+    associate (value => self%constant%constant)
+      self%poisson_ratio = value(poisson_ratio)
+      self%ratio = value(critical_state_ratio)
+      self%stiffness = value(shear_modulus_number)
+      self%extension = value(extension_ratio)
+      self%critical_void_ratio = value(critical_void_ratio)
+      self%critical_slope = value(critical_slope)
+      self%critical_exponent = value(critical_exponent)
+      self%yield_ratio = value(yield_ratio)
+      self%hardening = value(hardening_number)
+      self%hardening_void = value(hardening_void_factor)
+      self%bounding_exponent = value(bounding_exponent)
+      self%dilatancy = value(dilatancy_number)
+      self%dilatancy_exponent = value(dilatancy_exponent)
+      self%fabric_limit = value(fabric_limit)
+      self%fabric_rate = value(fabric_rate)
+      self%atmosphere = value(atmospheric_pressure)
+      self%smallest_pressure = value(smallest_pressure)
+      self%tolerance = value(substep_tolerance)
+      self%reference_pressure = value(reference_pressure)
+    end associate
+    self%reference_void_ratio = self%porosity/(1.0_wp - self%porosity)
+    call self%init()
+  end subroutine dafalias_manzari_prepare
 
   pure subroutine dafalias_manzari_init(self)
     !! Names the state variables; all constants are components.
@@ -130,7 +272,7 @@ contains
     state(fabric:fabric + nsig - 1) = 0.0_wp
   end subroutine dafalias_manzari_start_state
 
-  subroutine dafalias_manzari_update_stress(self, n, strain_increment, stress, state, err, tangent)
+  subroutine dafalias_manzari_return_stress(self, n, strain_increment, stress, state, err, tangent)
     !! Stresses after strain increments. Tangents are central differences over the same sub-steps,
     !! elastic moduli where nothing is strained. Fails, and leaves the point as it is, where pores
     !! close and for increments far beyond small strains.
@@ -172,7 +314,7 @@ contains
       state(start:start + nsig - 1, i) = point%start
       state(fabric:fabric + nsig - 1, i) = point%fabric
     end do
-  end subroutine dafalias_manzari_update_stress
+  end subroutine dafalias_manzari_return_stress
 
   subroutine judge(self, strain, stress, state, err)
     !! Words for what cannot be, before it is.
@@ -636,7 +778,7 @@ contains
     square = s(voigt6)
   end function squared
 
-  subroutine dafalias_manzari_tangent(self, stress, state, tangent)
+  subroutine dafalias_manzari_elastic_tangent(self, stress, state, tangent)
     !! The elastic matrix at a stress.
     class(dafalias_manzari_t), intent(in) :: self
     real(wp), intent(in) :: stress(nsig)
@@ -647,7 +789,7 @@ contains
     call split(self, -stress, p, r)
     call moduli(self, p, state(void_ratio), bulk, shear)
     tangent = elastic_matrix(bulk - 2.0_wp*shear/3.0_wp, shear)
-  end subroutine dafalias_manzari_tangent
+  end subroutine dafalias_manzari_elastic_tangent
 
   pure real(wp) function dafalias_manzari_bulk_modulus(self) result(modulus)
     !! K at the reference pressure and void ratio [Pa].

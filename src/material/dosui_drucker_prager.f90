@@ -12,41 +12,131 @@ module dosui_drucker_prager
   use dosui_kinds, only: wp
   use dosui_dimension, only: nsig
   use dosui_error, only: error_t
-  use dosui_isotropic_model, only: isotropic_model_t, plastic_strain, opened
+  use dosui_isotropic_model, only: elastic_key, isotropic_model_t, n_elastic, opened, plastic_strain, &
+                                   poisson_ratio, young_modulus
+  use dosui_key_visitor, only: key, key_t, key_visitor_t, name_length
+  use dosui_strength, only: check_dilation, degree, flatter
   use dosui_principal, only: deviator_of, elastic_matrix, tangent_from_invariants
+  use dosui_shared_keys, only: shared_key
   implicit none
   private
 
+  ! constants after the elastic ones
+  integer, parameter :: cohesion = n_elastic + 1, friction_angle = n_elastic + 2, &
+                        dilation_angle = n_elastic + 3, tensile_strength = n_elastic + 4, &
+                        n_constant = n_elastic + 4
+
   type, extends(isotropic_model_t), public :: drucker_prager_t
+    character(len=name_length) :: cone = 'compression'
+    !! where it meets Mohr-Coulomb's planes: 'compression', 'extension' or 'plane_strain'
     real(wp) :: eta = 0.0_wp             !! slope of the cone [-]
     real(wp) :: flow = 0.0_wp            !! slope of the plastic potential [-]
     real(wp) :: strength = 0.0_wp        !! xi c [Pa]
     real(wp) :: largest_mean = huge(1.0_wp)   !! m_t, not beyond the apex [Pa]
     logical, private :: can_open = .false.    !! m_t is zero
   contains
+    procedure :: declare => drucker_prager_declare
+    procedure :: key_of => drucker_prager_key_of
+    procedure :: visit_options => drucker_prager_visit_options
+    procedure :: check => drucker_prager_check
+    procedure :: has_strength => drucker_prager_has_strength
+    procedure :: prepare => drucker_prager_prepare
     procedure :: init => drucker_prager_init
-    procedure :: update_stress => drucker_prager_update_stress
+    procedure :: return_stress => drucker_prager_return_stress
   end type drucker_prager_t
 
 contains
 
-  pure subroutine drucker_prager_init(self, young_modulus, poisson_ratio, cohesion, friction, &
-                                      dilation, tensile_strength, cone)
+  subroutine drucker_prager_declare(self)
+    !! Elasticity and strength: without friction, cohesion and limit to tension.
+    class(drucker_prager_t), intent(inout) :: self
+
+    if (.not. allocated(self%constant)) allocate (self%constant(n_constant))
+    self%constant(tensile_strength)%constant = huge(1.0_wp)
+  end subroutine drucker_prager_declare
+
+  pure function drucker_prager_key_of(self, k) result(described)
+    !! Keys of elasticity and strength.
+    class(drucker_prager_t), intent(in) :: self
+    integer, intent(in) :: k
+    type(key_t) :: described
+
+    associate (not_used => self%strength)
+    end associate
+    select case (k)
+    case (cohesion)
+      described = shared_key('cohesion')
+    case (friction_angle)
+      described = shared_key('friction_angle')
+    case (dilation_angle)
+      described = shared_key('dilation_angle')
+    case (tensile_strength)
+      described = shared_key('tensile_strength')
+    case default
+      described = elastic_key(k)
+    end select
+  end function drucker_prager_key_of
+
+  subroutine drucker_prager_visit_options(self, visitor, applies)
+    !! The fit of the cone.
+    class(drucker_prager_t), intent(inout) :: self
+    class(key_visitor_t), intent(inout) :: visitor
+    logical, intent(in) :: applies
+
+    call visitor%name(self%cone, &
+                      key('cone', 'where the cone meets Mohr-Coulomb''s planes', &
+                          choices='compression extension plane_strain', &
+                          only="model = 'drucker_prager'", applies=applies))
+  end subroutine drucker_prager_visit_options
+
+  pure subroutine drucker_prager_check(self, key, message)
+    !! Dilation that would give work.
+    class(drucker_prager_t), intent(in) :: self
+    character(len=:), allocatable, intent(out) :: key, message
+
+    key = 'dilation_angle'
+    call check_dilation(self%constant(dilation_angle), self%constant(friction_angle), message)
+  end subroutine drucker_prager_check
+
+  pure logical function drucker_prager_has_strength(self) result(has_strength)
+    !! Its strength can be reduced.
+    class(drucker_prager_t), intent(in) :: self
+
+    associate (not_used => self%strength)
+    end associate
+    has_strength = .true.
+  end function drucker_prager_has_strength
+
+  pure subroutine drucker_prager_prepare(self)
+    !! The cone of c/F, tan(phi)/F and tan(psi)/F, the tensile strength with them.
+    class(drucker_prager_t), intent(inout) :: self
+    real(wp) :: tension
+
+    associate (value => self%constant%constant, factor => self%strength_reduction)
+      tension = value(tensile_strength)
+      if (tension < huge(1.0_wp)) tension = tension/factor
+      call self%init(value(young_modulus), value(poisson_ratio), value(cohesion)/factor, &
+                     flatter(value(friction_angle)*degree, factor), &
+                     flatter(value(dilation_angle)*degree, factor), tension, trim(self%cone))
+    end associate
+  end subroutine drucker_prager_prepare
+
+  pure subroutine drucker_prager_init(self, young, poisson, c, friction, dilation, tension, cone)
     !! Fits the cone.
     class(drucker_prager_t), intent(inout) :: self
-    real(wp), intent(in) :: young_modulus, poisson_ratio   !! drained [Pa], [-]
-    real(wp), intent(in) :: cohesion                       !! c [Pa]
-    real(wp), intent(in) :: friction, dilation             !! phi, psi [rad]
-    real(wp), intent(in) :: tensile_strength               !! largest mean stress [Pa]
+    real(wp), intent(in) :: young, poisson       !! drained [Pa], [-]
+    real(wp), intent(in) :: c                    !! cohesion [Pa]
+    real(wp), intent(in) :: friction, dilation   !! phi, psi [rad]
+    real(wp), intent(in) :: tension              !! largest mean stress [Pa]
     character(len=*), intent(in) :: cone
     !! 'compression', 'extension' or 'plane_strain'
 
-    call self%set_elasticity(young_modulus, poisson_ratio)
+    call self%set_elasticity(young, poisson)
     self%eta = slope_of(friction)
     self%flow = slope_of(dilation)
-    self%strength = cohesion*factor_of(friction)
-    self%largest_mean = tensile_strength
-    if (self%eta > 0.0_wp) self%largest_mean = min(tensile_strength, self%strength/self%eta)
+    self%strength = c*factor_of(friction)
+    self%largest_mean = tension
+    if (self%eta > 0.0_wp) self%largest_mean = min(tension, self%strength/self%eta)
     self%can_open = .not. self%largest_mean > 0.0_wp
     call self%name_plastic_state(self%can_open)
 
@@ -74,7 +164,7 @@ contains
     end function factor_of
   end subroutine drucker_prager_init
 
-  subroutine drucker_prager_update_stress(self, n, strain_increment, stress, state, err, tangent)
+  subroutine drucker_prager_return_stress(self, n, strain_increment, stress, state, err, tangent)
     !! Stresses after strain increments, and their consistent tangents. Numbers cannot fail.
     class(drucker_prager_t), intent(in) :: self
     integer, intent(in) :: n
@@ -121,7 +211,7 @@ contains
                                                    length, of_mean, of_length)
       end if
     end do
-  end subroutine drucker_prager_update_stress
+  end subroutine drucker_prager_return_stress
 
   pure subroutine return_to_cone(self, bulk, trial_mean, trial_length, mean, length, of_mean, &
                                  of_length, is_elastic)

@@ -2,15 +2,23 @@
 module dosui_isotropic_model
   use dosui_kinds, only: wp
   use dosui_dimension, only: nsig
+  use dosui_key_visitor, only: key, key_t
   use dosui_material_model, only: material_model_t
   use dosui_principal, only: elastic_matrix
+  use dosui_shared_keys, only: shared_key
   implicit none
   private
+
+  public :: elastic_key
 
   integer, parameter, public :: plastic_strain = 1
   !! state variable of soils that yield: plastic shear strain [-]
   integer, parameter, public :: opened = 2
   !! of those that carry no tension: opened volume over volume [-]
+
+  ! constants of all these models, before their own ones
+  integer, parameter, public :: young_modulus = 1, poisson_ratio = 2
+  integer, parameter, public :: n_elastic = 2
 
   type, abstract, extends(material_model_t), public :: isotropic_model_t
     real(wp) :: lambda = 0.0_wp   !! first Lame constant [Pa]
@@ -18,7 +26,10 @@ module dosui_isotropic_model
   contains
     procedure :: set_elasticity => isotropic_model_set_elasticity
     procedure :: name_plastic_state => isotropic_model_name_plastic_state
-    procedure :: tangent => isotropic_model_tangent
+    procedure :: declare => isotropic_model_declare
+    procedure :: key_of => isotropic_model_key_of
+    procedure :: is_isotropic => isotropic_model_is_isotropic
+    procedure :: elastic_tangent => isotropic_model_elastic_tangent
     procedure :: constrained_modulus => isotropic_model_constrained_modulus
     procedure :: shear_modulus => isotropic_model_shear_modulus
     procedure :: bulk_modulus => isotropic_model_bulk_modulus
@@ -26,14 +37,54 @@ module dosui_isotropic_model
 
 contains
 
-  pure subroutine isotropic_model_set_elasticity(self, young_modulus, poisson_ratio)
+  subroutine isotropic_model_declare(self)
+    !! Elastic constants; models with more of them make room themselves.
+    class(isotropic_model_t), intent(inout) :: self
+
+    if (.not. allocated(self%constant)) allocate (self%constant(n_elastic))
+  end subroutine isotropic_model_declare
+
+  pure function isotropic_model_key_of(self, k) result(described)
+    !! Keys of the elastic constants.
+    class(isotropic_model_t), intent(in) :: self
+    integer, intent(in) :: k
+    type(key_t) :: described
+
+    associate (not_used => self%shear)
+    end associate
+    described = elastic_key(k)
+  end function isotropic_model_key_of
+
+  pure logical function isotropic_model_is_isotropic(self) result(is_isotropic)
+    !! Elasticity is constant.
+    class(isotropic_model_t), intent(in) :: self
+
+    associate (not_used => self%shear)
+    end associate
+    is_isotropic = .true.
+  end function isotropic_model_is_isotropic
+
+  pure function elastic_key(k) result(described)
+    !! What is known about the key of an elastic constant.
+    integer, intent(in) :: k   !! index of the constant
+    type(key_t) :: described
+
+    if (k == young_modulus) then
+      described = key('young_modulus', 'drained Young''s modulus; needed unless rigid', unit='Pa', &
+                      range='> 0', required=.true.)
+    else
+      described = shared_key('poisson_ratio')
+    end if
+  end function elastic_key
+
+  pure subroutine isotropic_model_set_elasticity(self, young, poisson)
     !! Lame's constants from the engineer's.
     class(isotropic_model_t), intent(inout) :: self
-    real(wp), intent(in) :: young_modulus   !! E, drained [Pa]
-    real(wp), intent(in) :: poisson_ratio   !! nu, drained, -1 < nu < 1/2 [-]
+    real(wp), intent(in) :: young     !! E, drained [Pa]
+    real(wp), intent(in) :: poisson   !! nu, drained, -1 < nu < 1/2 [-]
 
-    self%shear = young_modulus/(2.0_wp*(1.0_wp + poisson_ratio))
-    self%lambda = 2.0_wp*self%shear*poisson_ratio/(1.0_wp - 2.0_wp*poisson_ratio)
+    self%shear = young/(2.0_wp*(1.0_wp + poisson))
+    self%lambda = 2.0_wp*self%shear*poisson/(1.0_wp - 2.0_wp*poisson)
   end subroutine isotropic_model_set_elasticity
 
   pure subroutine isotropic_model_name_plastic_state(self, can_open)
@@ -52,7 +103,7 @@ contains
     end if
   end subroutine isotropic_model_name_plastic_state
 
-  subroutine isotropic_model_tangent(self, stress, state, tangent)
+  subroutine isotropic_model_elastic_tangent(self, stress, state, tangent)
     !! The elastic matrix, the same at every stress.
     class(isotropic_model_t), intent(in) :: self
     real(wp), intent(in) :: stress(nsig)
@@ -62,7 +113,7 @@ contains
     tangent = 0.0_wp
     if (size(stress) + size(state) < nsig) return   ! it depends on neither
     tangent = elastic_matrix(self%lambda, self%shear)
-  end subroutine isotropic_model_tangent
+  end subroutine isotropic_model_elastic_tangent
 
   pure real(wp) function isotropic_model_constrained_modulus(self) result(modulus)
     !! M = K + 4 G/3 [Pa].

@@ -4,7 +4,7 @@ module dosui_linear_elastic
   use dosui_kinds, only: wp
   use dosui_dimension, only: nsig
   use dosui_error, only: error_t
-  use dosui_isotropic_model, only: isotropic_model_t
+  use dosui_isotropic_model, only: isotropic_model_t, poisson_ratio, young_modulus
   use dosui_principal, only: elastic_matrix
   implicit none
   private
@@ -12,20 +12,30 @@ module dosui_linear_elastic
   type, extends(isotropic_model_t), public :: linear_elastic_t
   contains
     procedure :: init => linear_elastic_init
-    procedure :: update_stress => linear_elastic_update_stress
+    procedure :: prepare => linear_elastic_prepare
+    procedure :: return_stress => linear_elastic_return_stress
   end type linear_elastic_t
 
 contains
 
-  pure subroutine linear_elastic_init(self, young_modulus, poisson_ratio)
+  pure subroutine linear_elastic_init(self, young, poisson)
+    !! A material with these constants, which has no state.
     class(linear_elastic_t), intent(inout) :: self
-    real(wp), intent(in) :: young_modulus   !! E, drained [Pa]
-    real(wp), intent(in) :: poisson_ratio   !! nu, drained, -1 < nu < 1/2 [-]
+    real(wp), intent(in) :: young     !! E, drained [Pa]
+    real(wp), intent(in) :: poisson   !! nu, drained, -1 < nu < 1/2 [-]
 
-    call self%set_elasticity(young_modulus, poisson_ratio)
+    call self%set_elasticity(young, poisson)
+    if (allocated(self%state_names)) deallocate (self%state_names, self%state_units)
   end subroutine linear_elastic_init
 
-  subroutine linear_elastic_update_stress(self, n, strain_increment, stress, state, err, tangent)
+  pure subroutine linear_elastic_prepare(self)
+    !! As `init`, from the constants.
+    class(linear_elastic_t), intent(inout) :: self
+
+    call self%init(self%constant(young_modulus)%constant, self%constant(poisson_ratio)%constant)
+  end subroutine linear_elastic_prepare
+
+  subroutine linear_elastic_return_stress(self, n, strain_increment, stress, state, err, tangent)
     !! Adds the stress increments of a batch of points; needs no state. Numbers cannot fail.
     class(linear_elastic_t), intent(in) :: self
     integer, intent(in) :: n
@@ -46,7 +56,7 @@ contains
                           state(:, p), err)
       end if
     end do
-  end subroutine linear_elastic_update_stress
+  end subroutine linear_elastic_return_stress
 
   pure subroutine add_elastic_stress(lambda, shear, n, strain_increment, stress)
     !! Kernel: normal components lambda tr + 2 G epsilon, shear components G gamma.

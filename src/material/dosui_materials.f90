@@ -1,75 +1,149 @@
-!! The materials of a scene: the one place that knows the names of all constitutive models.
+!! The one place that knows the names of all constitutive models, and the set of a scene's.
 module dosui_materials
   use dosui_kinds, only: wp
   use dosui_cam_clay, only: cam_clay_t
   use dosui_dafalias_manzari, only: dafalias_manzari_t
   use dosui_drucker_prager, only: drucker_prager_t
-  use dosui_error, only: error_t
+  use dosui_key_visitor, only: key_t, name_length
   use dosui_linear_elastic, only: linear_elastic_t
   use dosui_material_model, only: material_model_t
   use dosui_mohr_coulomb, only: mohr_coulomb_t
-  use dosui_scene, only: material_t
   implicit none
   private
 
-  public :: create_material, weakened
+  public :: create_model, model_index
 
-  real(wp), parameter :: degree = acos(-1.0_wp)/180.0_wp
+  character(len=*), parameter, public :: model_names(5) = &
+                                         [character(len=16) :: 'linear_elastic', 'mohr_coulomb', &
+                                          'drucker_prager', 'cam_clay', 'dafalias_manzari']
 
   type, public :: material_holder_t
     !! One material; particles refer to it by its index in the set.
     class(material_model_t), allocatable :: model
   end type material_holder_t
 
+  type, public :: soil_key_t
+    !! A key that one model or several have.
+    character(len=name_length) :: name = ''
+    character(len=:), allocatable :: only         !! where it has a meaning, '' for everywhere
+    integer :: place(size(model_names)) = 0       !! index among each model's constants, 0: none
+  end type soil_key_t
+
+  type, public :: soil_catalogue_t
+    !! All models with default constants, and the keys that they have together, in the order of
+    !! the models that bring them first.
+    type(material_holder_t), allocatable :: model(:)
+    type(soil_key_t), allocatable :: key(:)
+  contains
+    procedure :: init => soil_catalogue_init
+    procedure :: bringer => soil_catalogue_bringer
+  end type soil_catalogue_t
+
   type, public :: material_set_t
     type(material_holder_t), allocatable :: item(:)   !! in the order of the scene
   contains
-    procedure :: init => material_set_init
+    procedure :: reduce_strength => material_set_reduce_strength
     procedure :: n_state => material_set_n_state
     procedure :: is_nonlinear => material_set_is_nonlinear
   end type material_set_t
 
 contains
 
-  subroutine material_set_init(self, materials, err)
-    !! Creates the models of all materials.
+  subroutine create_model(name, model)
+    !! A model with the defaults of its constants; unallocated if there is none of that name. A new
+    !! model adds its line here, and its name above.
+    character(len=*), intent(in) :: name
+    class(material_model_t), allocatable, intent(out) :: model
+
+    select case (name)
+    case ('linear_elastic')
+      allocate (linear_elastic_t :: model)
+    case ('mohr_coulomb')
+      allocate (mohr_coulomb_t :: model)
+    case ('drucker_prager')
+      allocate (drucker_prager_t :: model)
+    case ('cam_clay')
+      allocate (cam_clay_t :: model)
+    case ('dafalias_manzari')
+      allocate (dafalias_manzari_t :: model)
+    case default   ! none
+    end select
+    if (allocated(model)) call model%declare()
+  end subroutine create_model
+
+  pure integer function model_index(name) result(m)
+    !! Number of a model, 0: there is none of that name.
+    character(len=*), intent(in) :: name
+
+    m = findloc(model_names == name, .true., dim=1)
+  end function model_index
+
+  subroutine soil_catalogue_init(self)
+    !! Asks all models for their keys.
+    class(soil_catalogue_t), intent(inout) :: self
+    type(key_t) :: described
+    type(soil_key_t) :: new
+    integer :: m, k, j
+
+    if (allocated(self%key)) return
+    allocate (self%model(size(model_names)), self%key(0))
+    do m = 1, size(model_names)
+      call create_model(trim(model_names(m)), self%model(m)%model)
+      do k = 1, size(self%model(m)%model%constant)
+        described = self%model(m)%model%key_of(k)
+        j = findloc(self%key%name == described%name, .true., dim=1)
+        if (j == 0) then
+          new = soil_key_t(name=described%name, only=described%only)
+          self%key = [self%key, new]
+          j = size(self%key)
+        end if
+        self%key(j)%place(m) = k
+      end do
+    end do
+    do j = 1, size(self%key)
+      if (len(self%key(j)%only) == 0) self%key(j)%only = owners(self%key(j)%place > 0)
+    end do
+  end subroutine soil_catalogue_init
+
+  pure integer function soil_catalogue_bringer(self, j) result(m)
+    !! The model that brings a key first.
+    class(soil_catalogue_t), intent(in) :: self
+    integer, intent(in) :: j   !! of the key
+
+    m = findloc(self%key(j)%place > 0, .true., dim=1)
+  end function soil_catalogue_bringer
+
+  pure function owners(owns) result(text)
+    !! The condition that a key of some models has a meaning under, '' if all have it.
+    logical, intent(in) :: owns(:)   !! of the models
+    character(len=:), allocatable :: text
+    integer :: m, left
+
+    text = ''
+    if (all(owns)) return
+    text = 'model = '
+    left = count(owns)
+    do m = 1, size(owns)
+      if (.not. owns(m)) cycle
+      left = left - 1
+      text = text//"'"//trim(model_names(m))//"'"
+      if (left > 1) text = text//', '
+      if (left == 1) text = text//' or '
+    end do
+  end function owners
+
+  subroutine material_set_reduce_strength(self, factor)
+    !! Divides the strengths of all soils by a factor, those that they had first.
     class(material_set_t), intent(inout) :: self
-    type(material_t), intent(in) :: materials(:)
-    type(error_t), intent(inout) :: err
+    real(wp), intent(in) :: factor   !! F [-]
     integer :: k
 
-    if (allocated(self%item)) deallocate (self%item)
-    allocate (self%item(size(materials)))
-    do k = 1, size(materials)
-      call create_material(materials(k), self%item(k)%model, err)
+    do k = 1, size(self%item)
+      self%item(k)%model%strength_reduction = factor
+      call self%item(k)%model%prepare()
+      call self%item(k)%model%vary()
     end do
-  end subroutine material_set_init
-
-  elemental function weakened(material, factor) result(weaker)
-    !! A material whose strength is divided by a factor: c/F and tan(phi)/F, before and after
-    !! softening, and the dilation and the tensile strength with them.
-    type(material_t), intent(in) :: material
-    real(wp), intent(in) :: factor   !! F [-]
-    type(material_t) :: weaker
-
-    weaker = material
-    weaker%cohesion = material%cohesion/factor
-    weaker%residual_cohesion = material%residual_cohesion/factor
-    weaker%friction_angle = flatter(material%friction_angle)
-    weaker%residual_friction_angle = flatter(material%residual_friction_angle)
-    weaker%dilation_angle = flatter(material%dilation_angle)
-    if (material%tensile_strength < huge(1.0_wp)) then
-      weaker%tensile_strength = material%tensile_strength/factor
-    end if
-
-  contains
-
-    pure real(wp) function flatter(angle)
-      real(wp), intent(in) :: angle   ! [deg]
-
-      flatter = atan(tan(degree*angle)/factor)/degree
-    end function flatter
-  end function weakened
+  end subroutine material_set_reduce_strength
 
   pure integer function material_set_n_state(self) result(n_state)
     !! State variables per particle that the neediest material asks for.
@@ -89,137 +163,4 @@ contains
 
     is_nonlinear = any([(self%item(k)%model%is_nonlinear, k=1, size(self%item))])
   end function material_set_is_nonlinear
-
-  subroutine create_material(material, model, err)
-    !! Creates the model that a material of the scene names. A new model adds its case here.
-    type(material_t), intent(in) :: material
-    class(material_model_t), allocatable, intent(out) :: model
-    type(error_t), intent(inout) :: err
-    type(linear_elastic_t) :: elastic
-
-    if (material%model /= 'cam_clay' .and. material%model /= 'dafalias_manzari') then
-      if (.not. (material%poisson_ratio > -1.0_wp .and. material%poisson_ratio < 0.5_wp)) then
-        call err%set('material '''//trim(material%name)//''': poisson_ratio must lie between '// &
-                     '-1 and 0.5')
-      end if
-      if (.not. (material%young_modulus > 0.0_wp .or. material%rigid)) then
-        call err%set('material '''//trim(material%name)//''': young_modulus must be positive')
-      end if
-    end if
-    call check_constants(material, err)
-    if (err%failed()) return
-    select case (material%model)
-    case ('linear_elastic')
-      call elastic%init(material%young_modulus, material%poisson_ratio)
-      allocate (model, source=elastic)
-    case ('mohr_coulomb')
-      call create_mohr_coulomb(material, model)
-    case ('drucker_prager')
-      call create_drucker_prager(material, model)
-    case ('cam_clay')
-      call create_cam_clay(material, model)
-    case ('dafalias_manzari')
-      call create_dafalias_manzari(material, model)
-    case default
-      call err%set('material '''//trim(material%name)//''': unknown model '''// &
-                   trim(material%model)//''' (known: linear_elastic, mohr_coulomb, '// &
-                   'drucker_prager, cam_clay, dafalias_manzari)')
-    end select
-  end subroutine create_material
-
-  subroutine check_constants(material, err)
-    !! Constants that fit each other.
-    type(material_t), intent(in) :: material
-    type(error_t), intent(inout) :: err
-
-    select case (material%model)
-    case ('mohr_coulomb', 'drucker_prager')
-      if (material%dilation_angle > material%friction_angle) then
-        call err%set('material '''//trim(material%name)//''': dilation_angle must not exceed '// &
-                     'friction_angle (such a soil gives work when it is sheared)')
-      end if
-    case ('cam_clay')
-      if (.not. material%swelling_index < material%compression_index) then
-        call err%set('material '''//trim(material%name)//''': swelling_index must be below '// &
-                     'compression_index')
-      end if
-    case default   ! every value fits
-    end select
-  end subroutine check_constants
-
-  subroutine create_mohr_coulomb(material, model)
-    !! Planes of strength from the scene's constants.
-    type(material_t), intent(in) :: material
-    class(material_model_t), allocatable, intent(out) :: model
-    type(mohr_coulomb_t) :: soil
-
-    soil%cohesion = material%cohesion
-    soil%friction = degree*material%friction_angle
-    soil%dilation = degree*material%dilation_angle
-    soil%tensile_strength = material%tensile_strength
-    soil%softening_strain = material%softening_in_force()
-    soil%residual_cohesion = material%residual_cohesion
-    soil%residual_friction = degree*material%residual_friction_angle
-    call soil%init(material%young_modulus, material%poisson_ratio)
-    allocate (model, source=soil)
-  end subroutine create_mohr_coulomb
-
-  subroutine create_drucker_prager(material, model)
-    !! The cone from the scene's constants.
-    type(material_t), intent(in) :: material
-    class(material_model_t), allocatable, intent(out) :: model
-    type(drucker_prager_t) :: soil
-
-    call soil%init(material%young_modulus, material%poisson_ratio, material%cohesion, &
-                   degree*material%friction_angle, degree*material%dilation_angle, &
-                   material%tensile_strength, trim(material%cone))
-    allocate (model, source=soil)
-  end subroutine create_drucker_prager
-
-  subroutine create_cam_clay(material, model)
-    !! Modified Cam-clay from the scene's constants.
-    type(material_t), intent(in) :: material
-    class(material_model_t), allocatable, intent(out) :: model
-    type(cam_clay_t) :: soil
-
-    soil%ratio = material%critical_state_ratio
-    soil%compression = material%compression_index
-    soil%swelling = material%swelling_index
-    soil%poisson_ratio = material%poisson_ratio
-    soil%over_consolidation = material%over_consolidation_ratio
-    soil%least_pressure = material%least_pressure
-    soil%reference_pressure = material%reference_pressure
-    call soil%init()
-    allocate (model, source=soil)
-  end subroutine create_cam_clay
-
-  subroutine create_dafalias_manzari(material, model)
-    !! The sand from the scene's constants.
-    type(material_t), intent(in) :: material
-    class(material_model_t), allocatable, intent(out) :: model
-    type(dafalias_manzari_t) :: soil
-
-    soil%stiffness = material%shear_modulus_number
-    soil%poisson_ratio = material%poisson_ratio
-    soil%ratio = material%critical_state_ratio
-    soil%extension = material%extension_ratio
-    soil%critical_void_ratio = material%critical_void_ratio
-    soil%critical_slope = material%critical_slope
-    soil%critical_exponent = material%critical_exponent
-    soil%yield_ratio = material%yield_ratio
-    soil%hardening = material%hardening_number
-    soil%hardening_void = material%hardening_void_factor
-    soil%bounding_exponent = material%bounding_exponent
-    soil%dilatancy = material%dilatancy_number
-    soil%dilatancy_exponent = material%dilatancy_exponent
-    soil%fabric_limit = material%fabric_limit
-    soil%fabric_rate = material%fabric_rate
-    soil%atmosphere = material%atmospheric_pressure
-    soil%smallest_pressure = material%smallest_pressure
-    soil%tolerance = material%substep_tolerance
-    soil%reference_pressure = material%reference_pressure
-    soil%reference_void_ratio = material%porosity/(1.0_wp - material%porosity)
-    call soil%init()
-    allocate (model, source=soil)
-  end subroutine create_dafalias_manzari
 end module dosui_materials

@@ -16,12 +16,22 @@ module dosui_mohr_coulomb
   use dosui_kinds, only: wp
   use dosui_dimension, only: nsig
   use dosui_error, only: error_t
-  use dosui_isotropic_model, only: isotropic_model_t, plastic_strain, opened
+  use dosui_isotropic_model, only: elastic_key, isotropic_model_t, n_elastic, opened, plastic_strain, &
+                                   poisson_ratio, young_modulus
+  use dosui_key_visitor, only: key, key_t
+  use dosui_strength, only: check_dilation, degree, flatter
   use dosui_principal, only: elastic_matrix, principal_stresses, stress_from_principal, &
                              tangent_from_principal
+  use dosui_shared_keys, only: shared_key
   implicit none
   private
 
+  ! constants after the elastic ones
+  integer, parameter :: cohesion = n_elastic + 1, friction_angle = n_elastic + 2, &
+                        dilation_angle = n_elastic + 3, tensile_strength = n_elastic + 4, &
+                        softening_displacement = n_elastic + 5, &
+                        softening_strain = n_elastic + 6, residual_cohesion = n_elastic + 7, &
+                        residual_friction_angle = n_elastic + 8, n_constant = n_elastic + 8
   integer, parameter :: n_plane = 6   ! shear between 1-3, 1-2, 2-3, tension along 1, 2, 3
   integer, parameter :: n_set = 41    ! of up to three planes
   integer, parameter :: sets(n_set) = [ &   ! their numbers as digits: likely ones, then all others
@@ -54,19 +64,129 @@ module dosui_mohr_coulomb
     real(wp) :: softening_strain = 0.0_wp  !! plastic shear strain that softens fully; 0: none [-]
     logical, private :: can_open = .false. !! the cut-off is, or can come to lie, at zero
   contains
+    procedure :: declare => mohr_coulomb_declare
+    procedure :: key_of => mohr_coulomb_key_of
+    procedure :: check => mohr_coulomb_check
+    procedure :: has_strength => mohr_coulomb_has_strength
+    procedure :: prepare => mohr_coulomb_prepare
     procedure :: init => mohr_coulomb_init
-    procedure :: update_stress => mohr_coulomb_update_stress
+    procedure :: return_stress => mohr_coulomb_return_stress
+    procedure, private :: softens => mohr_coulomb_softens
   end type mohr_coulomb_t
 
 contains
 
-  pure subroutine mohr_coulomb_init(self, young_modulus, poisson_ratio)
+  subroutine mohr_coulomb_declare(self)
+    !! Elasticity and strength: without friction, cohesion and limit to tension.
+    class(mohr_coulomb_t), intent(inout) :: self
+
+    if (.not. allocated(self%constant)) allocate (self%constant(n_constant))
+    self%constant(tensile_strength)%constant = huge(1.0_wp)
+  end subroutine mohr_coulomb_declare
+
+  pure function mohr_coulomb_key_of(self, k) result(described)
+    !! Keys of elasticity and strength.
+    class(mohr_coulomb_t), intent(in) :: self
+    integer, intent(in) :: k
+    type(key_t) :: described
+    character(len=*), parameter :: only = 'softening_displacement or softening_strain > 0'
+
+    select case (k)
+    case (cohesion)
+      described = shared_key('cohesion')
+    case (friction_angle)
+      described = shared_key('friction_angle')
+    case (dilation_angle)
+      described = shared_key('dilation_angle')
+    case (tensile_strength)
+      described = shared_key('tensile_strength')
+    case (softening_displacement)
+      described = key('softening_displacement', 'displacement across a shear band over which '// &
+                      'cohesion and friction fall to their residual values: a plastic shear '// &
+                      'strain of this over the grid''s spacing; 0: they do not', unit='m', &
+                      range='>= 0')
+    case (softening_strain)
+      described = key('softening_strain', 'plastic shear strain in place of '// &
+                      'softening_displacement; bands narrow with the grid''s spacing, and so '// &
+                      'does what softening takes', unit='-', range='>= 0')
+    case (residual_cohesion)
+      described = key('residual_cohesion', 'c after softening', unit='Pa', range='>= 0', &
+                      only=only, applies=self%softens())
+    case (residual_friction_angle)
+      described = key('residual_friction_angle', 'phi after softening', unit='deg', &
+                      range='>= 0 and < 90', only=only, applies=self%softens())
+    case default
+      described = elastic_key(k)
+    end select
+  end function mohr_coulomb_key_of
+
+  pure subroutine mohr_coulomb_check(self, key, message)
+    !! Dilation that would give work, two measures of softening.
+    class(mohr_coulomb_t), intent(in) :: self
+    character(len=:), allocatable, intent(out) :: key, message
+
+    key = 'dilation_angle'
+    call check_dilation(self%constant(dilation_angle), self%constant(friction_angle), message)
+    if (len(message) > 0) return
+    key = 'softening_strain'
+    if (self%constant(softening_strain)%constant > 0.0_wp .and. &
+        self%constant(softening_displacement)%constant > 0.0_wp) then
+      message = 'does not go with softening_displacement'
+    end if
+  end subroutine mohr_coulomb_check
+
+  pure logical function mohr_coulomb_has_strength(self) result(has_strength)
+    !! Its strength can be reduced.
+    class(mohr_coulomb_t), intent(in) :: self
+
+    associate (not_used => self%cohesion)
+    end associate
+    has_strength = .true.
+  end function mohr_coulomb_has_strength
+
+  pure logical function mohr_coulomb_softens(self) result(softens)
+    !! Do cohesion and friction fall with plastic strains?
+    class(mohr_coulomb_t), intent(in) :: self
+
+    associate (strain => self%constant(softening_strain), &
+               displacement => self%constant(softening_displacement))
+      softens = strain%constant > 0.0_wp .or. displacement%constant > 0.0_wp .or. &
+                strain%varies() .or. displacement%varies()
+    end associate
+  end function mohr_coulomb_softens
+
+  pure subroutine mohr_coulomb_prepare(self)
+    !! The planes' constants: c/F and tan(phi)/F, before and after softening, and the dilation and
+    !! the tensile strength with them. Bands of shear are about one spacing of the grid wide,
+    !! whatever that is, so a displacement across them is a property of the soil where a strain is
+    !! one of the grid.
+    class(mohr_coulomb_t), intent(inout) :: self
+
+    associate (value => self%constant%constant, factor => self%strength_reduction)
+      self%cohesion = value(cohesion)/factor
+      self%friction = flatter(value(friction_angle)*degree, factor)
+      self%dilation = flatter(value(dilation_angle)*degree, factor)
+      self%tensile_strength = value(tensile_strength)
+      if (value(tensile_strength) < huge(1.0_wp)) then
+        self%tensile_strength = value(tensile_strength)/factor
+      end if
+      self%residual_cohesion = value(residual_cohesion)/factor
+      self%residual_friction = flatter(value(residual_friction_angle)*degree, factor)
+      self%softening_strain = value(softening_strain)
+      if (value(softening_displacement) > 0.0_wp) then
+        self%softening_strain = value(softening_displacement)/self%band_width
+      end if
+      call self%init(value(young_modulus), value(poisson_ratio))
+    end associate
+  end subroutine mohr_coulomb_prepare
+
+  pure subroutine mohr_coulomb_init(self, young, poisson)
     !! Sets the elastic constants; those of strength are components.
     class(mohr_coulomb_t), intent(inout) :: self
-    real(wp), intent(in) :: young_modulus   !! E, drained [Pa]
-    real(wp), intent(in) :: poisson_ratio   !! nu, drained [-]
+    real(wp), intent(in) :: young     !! E, drained [Pa]
+    real(wp), intent(in) :: poisson   !! nu, drained [-]
 
-    call self%set_elasticity(young_modulus, poisson_ratio)
+    call self%set_elasticity(young, poisson)
     self%can_open = .not. self%tensile_strength > 0.0_wp
     if (self%friction > 0.0_wp .and. .not. self%cohesion > 0.0_wp) self%can_open = .true.
     if (self%softening_strain > 0.0_wp .and. self%residual_friction > 0.0_wp .and. &
@@ -74,7 +194,7 @@ contains
     call self%name_plastic_state(self%can_open)
   end subroutine mohr_coulomb_init
 
-  subroutine mohr_coulomb_update_stress(self, n, strain_increment, stress, state, err, tangent)
+  subroutine mohr_coulomb_return_stress(self, n, strain_increment, stress, state, err, tangent)
     !! Stresses after strain increments, and their consistent tangents.
     class(mohr_coulomb_t), intent(in) :: self
     integer, intent(in) :: n
@@ -117,7 +237,7 @@ contains
                                                   derivative_of(planes, active, inverse), elastic)
       end if
     end do
-  end subroutine mohr_coulomb_update_stress
+  end subroutine mohr_coulomb_return_stress
 
   pure subroutine find_planes(self, plastic, planes)
     !! The planes after some plastic strain.

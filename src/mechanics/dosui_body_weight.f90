@@ -49,7 +49,7 @@ contains
     at_rest = 0.0_wp
     sums = 0.0_wp
     do p = 1, n
-      mass(p) = volume(p)*scene%mixture_density(material(p))
+      mass(p) = volume(p)*scene%mixture_density(material(p), position(:, p))
       sums(1, material(p)) = sums(1, material(p)) + mass(p)
     end do
     call particles_to_grid(grid, n, patch, position, at_rest(:ndim, :), mass, none, &
@@ -76,7 +76,7 @@ contains
     real(wp), intent(out) :: by_shape(:, :)   !! (materials, n_node)
     real(wp), intent(out) :: total(:)         !! (materials)
     type(filling_t) :: part
-    real(wp) :: mass
+    real(wp) :: mass, centre(ndim)
     integer :: c, m, r
 
     by_shape = 0.0_wp
@@ -88,7 +88,8 @@ contains
                             grid%origin + grid%spacing*grid%cell_base(:, c), grid%spacing)
         if (.not. part%volume > 0.0_wp) cycle
         m = findloc(scene%material%name == scene%region(r)%material, .true., dim=1)
-        mass = part%volume*grid%spacing**ndim*scene%mixture_density(m)
+        centre = grid%origin + grid%spacing*(grid%cell_base(:, c) + part%moment/part%volume)
+        mass = part%volume*grid%spacing**ndim*scene%mixture_density(m, centre)
         total(m) = total(m) + mass
         by_shape(m, grid%cell_node(:, c)) = by_shape(m, grid%cell_node(:, c)) + mass*mean_hats(part)
       end do

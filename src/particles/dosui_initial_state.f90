@@ -86,8 +86,8 @@ contains
     logical, intent(in) :: is_wet   !! grains have buoyancy
 
     associate (material => scene%material(m))
-      density = (1.0_wp - material%porosity)*material%solid_density
-      if (is_wet) density = density - (1.0_wp - material%porosity)*scene%water%density
+      density = (1.0_wp - material%porosity%constant)*material%solid_density%constant
+      if (is_wet) density = density - (1.0_wp - material%porosity%constant)*scene%water%density
     end associate
   end function geostatic_density
 

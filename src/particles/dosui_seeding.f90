@@ -263,14 +263,13 @@ contains
     real(wp), intent(in) :: position(:, :)
     integer(i8), intent(in) :: id(:)
     real(wp), intent(in) :: volume(:)        !! [m3]
-    integer :: m, first, last
-    real(wp) :: density
+    integer :: m, first, last, p
+    real(wp) :: place(ndim)   ! for formulas [m]
 
     m = findloc(scene%material%name == scene%region(r)%material, .true., dim=1)
     first = particles%count + 1
     last = particles%count + size(id)
     call particles%resize(last)
-    density = scene%mixture_density(m)
     particles%id(first:last) = id
     associate (field => particles%field)
       field(handles%position)%values(:, first:last) = position
@@ -278,12 +277,16 @@ contains
       if (handles%affine > 0) field(handles%affine)%values(:, first:last) = &
         spread(spin_gradient(scene%region(r)%spin), 2, size(id))
       field(handles%volume)%values(1, first:last) = volume
-      field(handles%mass)%values(1, first:last) = volume*density
-      field(handles%porosity)%values(1, first:last) = scene%material(m)%porosity
+      do p = 1, size(id)
+        place = position(:, p) + scene%local_origin
+        field(handles%mass)%values(1, first - 1 + p) = volume(p)* &
+                                                       scene%mixture_density(m, position(:, p))
+        field(handles%porosity)%values(1, first - 1 + p) = scene%material(m)%porosity%at(place)
+        if (handles%conductivity > 0) field(handles%conductivity)%values(1, first - 1 + p) = &
+          scene%material(m)%hydraulic_conductivity%at(place)
+      end do
       field(handles%material)%values(1, first:last) = real(m, wp)
       if (handles%region > 0) field(handles%region)%values(1, first:last) = real(r, wp)
-      if (handles%conductivity > 0) field(handles%conductivity)%values(1, first:last) = &
-        scene%material(m)%hydraulic_conductivity
     end associate
   end subroutine append
 

@@ -198,7 +198,7 @@ contains
     !! Kernel: the tangent of an increment by central differences over its own sub-steps; by
     !! shorter ones where the sides differ, since a kink beside the increment does not belong to it;
     !! by wider ones with sub-steps of their own where the response has no tangent, at kinks and
-    !! where sand with hardly any stress answers to the least change.
+    !! where sand with hardly any stress answers to the least change, if their sides differ less.
     type(dafalias_manzari_t), intent(in) :: self
     real(wp), intent(in) :: strain(nsig)    !! the increment
     real(wp), intent(in) :: volume          !! 1 + e before
@@ -206,8 +206,8 @@ contains
     real(wp), intent(in) :: after(nsig)     !! stress after it, compression positive [Pa]
     type(plan_t), intent(inout) :: plan
     real(wp), intent(out) :: tangent(nsig, nsig)
-    real(wp) :: step, p, r(nsig), bulk, shear, sides(nsig, 2)
-    logical :: are_apart, is_left
+    real(wp) :: step, p, r(nsig), bulk, shear, sides(nsig, 2), wide(nsig, 2), apart, apart_wide, least
+    logical :: is_left
     integer :: k
 
     call split(self, before%stress, p, r)
@@ -217,20 +217,27 @@ contains
       return
     end if
     step = max(least_perturbation, perturbation*maxval(abs(strain)))
+    least = kink*(bulk + 4.0_wp*shear/3.0_wp)
     do k = 1, nsig
-      call find_sides(step, .true., are_apart, is_left)
-      if (are_apart .or. is_left) call find_sides(shortened*step, .true., are_apart, is_left)
-      if (are_apart) call find_sides(widened*step, .false., are_apart, is_left)
+      call find_sides(step, .true., sides, apart, is_left)
+      if (apart > least .or. is_left) then
+        call find_sides(shortened*step, .true., sides, apart, is_left)
+      end if
+      if (apart > least) then
+        call find_sides(widened*step, .false., wide, apart_wide, is_left)
+        if (apart_wide < apart) sides = wide
+      end if
       tangent(:, k) = 0.5_wp*(sides(:, 1) + sides(:, 2))
     end do
 
   contains
 
-    subroutine find_sides(length, is_kept, are_apart, is_left)
+    subroutine find_sides(length, is_kept, sides, apart, is_left)
       !! Differences to both sides along the strain of column k.
       real(wp), intent(in) :: length     ! of strain, engineering's if of shear [-]
       logical, intent(in) :: is_kept     ! the increment's sub-steps are
-      logical, intent(out) :: are_apart  ! the sides differ
+      real(wp), intent(out) :: sides(nsig, 2)   ! [Pa]
+      real(wp), intent(out) :: apart     ! how far the sides are [Pa]
       logical, intent(out) :: is_left    ! the sub-steps do not suit one of them
       type(point_t) :: other
       type(plan_t) :: own
@@ -251,7 +258,7 @@ contains
         end if
         sides(:, s) = (other%stress - after)/merge(-length, length, s == 1)
       end do
-      are_apart = maxval(abs(sides(:, 2) - sides(:, 1))) > kink*(bulk + 4.0_wp*shear/3.0_wp)
+      apart = maxval(abs(sides(:, 2) - sides(:, 1)))
     end subroutine find_sides
   end subroutine differentiate
 

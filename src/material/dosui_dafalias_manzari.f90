@@ -45,10 +45,14 @@ module dosui_dafalias_manzari
   real(wp), parameter :: leaving = 2.0_wp           ! error over tolerance, others' sub-steps [-]
   real(wp), parameter :: least_way = 1.0e-8_wp      ! of alpha since the loading began [-]
   real(wp), parameter :: least_hardening = 0.01_wp  ! 1 - c_h e [-]
+  real(wp), parameter :: least_stiffness = 0.5_wp   ! of plastic shear, over G [-]
   real(wp), parameter :: largest_state = 1.0_wp     ! |psi| that surfaces answer to [-]
   real(wp), parameter :: void_range(2) = [0.01_wp, 2.0_wp]   ! that moduli answer to [-]
   real(wp), parameter :: largest_start = 0.95_wp    ! alpha at first over the bounding surface [-]
-  real(wp), parameter :: perturbation = 1.0e-4_wp   ! of strains over the largest, for tangents
+  real(wp), parameter :: perturbation = 1.0e-5_wp   ! of strains over the largest, for tangents
+  real(wp), parameter :: shortened = 0.1_wp           ! of perturbations beside kinks [-]
+  real(wp), parameter :: widened = 100.0_wp           ! where they have no tangent [-]
+  real(wp), parameter :: kink = 1.0e-3_wp             ! of sides' tangents, over the stiffness [-]
   real(wp), parameter :: least_perturbation = 1.0e-11_wp
   real(wp), parameter :: largest_increment = 1.0_wp   ! of strains [-]
 
@@ -306,7 +310,7 @@ contains
       call integrate(self, strain, volume, point, plan)
       if (present(tangent)) then
         plan%is_fixed = .true.
-        call differentiate(self, strain, volume, before, plan, tangent(:, :, i))
+        call differentiate(self, strain, volume, before, point%stress, plan, tangent(:, :, i))
       end if
       stress(:, i) = -point%stress
       state(void_ratio, i) = void_after(volume, sum(strain(1:3)))
@@ -332,54 +336,73 @@ contains
     end if
   end subroutine judge
 
-  subroutine differentiate(self, strain, volume, before, plan, tangent)
-    !! Kernel: the tangent of an increment by central differences.
+  subroutine differentiate(self, strain, volume, before, after, plan, tangent)
+    !! Kernel: the tangent of an increment by central differences over its own sub-steps; by
+    !! shorter ones where the sides differ, since a kink beside the increment does not belong to it;
+    !! by wider ones with sub-steps of their own where the response has no tangent, at kinks and
+    !! where sand with hardly any stress answers to the least change, if their sides differ less.
     type(dafalias_manzari_t), intent(in) :: self
     real(wp), intent(in) :: strain(nsig)    !! the increment
     real(wp), intent(in) :: volume          !! 1 + e before
     type(point_t), intent(in) :: before
+    real(wp), intent(in) :: after(nsig)     !! stress after it, compression positive [Pa]
     type(plan_t), intent(inout) :: plan
     real(wp), intent(out) :: tangent(nsig, nsig)
-    type(point_t) :: more, less
-    real(wp) :: change(nsig), step, p, r(nsig), bulk, shear
+    real(wp) :: step, p, r(nsig), bulk, shear, sides(nsig, 2), wide(nsig, 2), apart, apart_wide, least
+    logical :: is_left
     integer :: k
 
+    call split(self, before%stress, p, r)
+    call moduli(self, max(p, sum(after(1:3))/3.0_wp), volume - 1.0_wp, bulk, shear)
     if (.not. maxval(abs(strain)) > 0.0_wp) then
-      call split(self, before%stress, p, r)
-      call moduli(self, p, volume - 1.0_wp, bulk, shear)
       tangent = elastic_matrix(bulk - 2.0_wp*shear/3.0_wp, shear)
       return
     end if
     step = max(least_perturbation, perturbation*maxval(abs(strain)))
+    least = kink*(bulk + 4.0_wp*shear/3.0_wp)
     do k = 1, nsig
-      change = 0.0_wp
-      change(k) = step
-      if (k > 3) change(k) = 0.5_wp*step
-      more = before
-      call follow(self, strain + change, volume, more, plan)
-      less = before
-      call follow(self, strain - change, volume, less, plan)
-      tangent(:, k) = (more%stress - less%stress)/(2.0_wp*step)
+      call find_sides(step, .true., sides, apart, is_left)
+      if (apart > least .or. is_left) then
+        call find_sides(shortened*step, .true., sides, apart, is_left)
+      end if
+      if (apart > least) then
+        call find_sides(widened*step, .false., wide, apart_wide, is_left)
+        if (apart_wide < apart) sides = wide
+      end if
+      tangent(:, k) = 0.5_wp*(sides(:, 1) + sides(:, 2))
     end do
+
+  contains
+
+    subroutine find_sides(length, is_kept, sides, apart, is_left)
+      !! Differences to both sides along the strain of column k.
+      real(wp), intent(in) :: length     ! of strain, engineering's if of shear [-]
+      logical, intent(in) :: is_kept     ! the increment's sub-steps are
+      real(wp), intent(out) :: sides(nsig, 2)   ! [Pa]
+      real(wp), intent(out) :: apart     ! how far the sides are [Pa]
+      logical, intent(out) :: is_left    ! the sub-steps do not suit one of them
+      type(point_t) :: other
+      type(plan_t) :: own
+      real(wp) :: change(nsig)
+      integer :: s
+
+      is_left = .false.
+      do s = 1, 2
+        change = 0.0_wp
+        change(k) = merge(-length, length, s == 1)
+        if (k > 3) change(k) = 0.5_wp*change(k)
+        other = before
+        if (is_kept) then
+          call integrate(self, strain + change, volume, other, plan)
+          is_left = is_left .or. plan%is_left
+        else
+          call integrate(self, strain + change, volume, other, own)
+        end if
+        sides(:, s) = (other%stress - after)/merge(-length, length, s == 1)
+      end do
+      apart = maxval(abs(sides(:, 2) - sides(:, 1)))
+    end subroutine find_sides
   end subroutine differentiate
-
-  subroutine follow(self, strain, volume, point, plan)
-    !! Kernel: as `integrate`, by the sub-steps of a neighbouring increment unless these let errors
-    !! grow: hardly any mean stress, where other sub-steps lead elsewhere.
-    type(dafalias_manzari_t), intent(in) :: self
-    real(wp), intent(in) :: strain(nsig)    !! the increment
-    real(wp), intent(in) :: volume          !! 1 + e before
-    type(point_t), intent(inout) :: point
-    type(plan_t), intent(inout) :: plan     !! of the neighbour
-    type(point_t) :: before
-    type(plan_t) :: own
-
-    before = point
-    call integrate(self, strain, volume, point, plan)
-    if (.not. plan%is_left) return
-    point = before
-    call integrate(self, strain, volume, point, own)
-  end subroutine follow
 
   subroutine integrate(self, strain, volume, point, plan)
     !! Kernel: brings a point to the end of an increment.
@@ -523,7 +546,7 @@ contains
     real(wp), intent(out) :: direction(nsig)     !! n: unit deviator out of the yield surface
     real(wp), intent(out) :: loading             !! > 0: plastic flow [Pa]
     real(wp) :: r(nsig), square(nsig), p, bulk, shear, compression, length, cube, lode, g, psi
-    real(wp) :: bound, dense, flow, b, c, stiff, softness, way, total, along, lh, l
+    real(wp) :: bound, dense, flow, relief, b, c, stiff, softness, way, total, along, lh, l
 
     call split(self, point%stress, p, r)
     call moduli(self, p, voids, bulk, shear)
@@ -552,9 +575,14 @@ contains
     ! flow
     flow = self%dilatancy*(1.0_wp + max(0.0_wp, contract(point%fabric, direction)))* &
            (dense - contract(point%back, direction))
+    ! contraction that relieves more stress than shearing builds up has no continuous answer
+    relief = bulk*flow*along
+    if (relief > (2.0_wp - least_stiffness)*shear) then
+      flow = flow*(2.0_wp - least_stiffness)*shear/relief
+    end if
     b = 1.0_wp + 1.5_wp*(1.0_wp - self%extension)/self%extension*g*lode
     c = 3.0_wp*sqrt(1.5_wp)*(1.0_wp - self%extension)/self%extension*g
-    stiff = max(2.0_wp*shear*(b - c*cube) - bulk*flow*along, 0.1_wp*shear)
+    stiff = 2.0_wp*shear*(b - c*cube) - bulk*flow*along
     ! hardening
     way = bound - contract(point%back, direction)
     softness = max(least_way, contract(point%back - point%start, direction))/ &

@@ -305,6 +305,8 @@ contains
     is_elastic = max(excess(1), excess(4)) <= slack*scale   ! the others have less
     is_solved = is_elastic
     if (is_elastic) return
+    call return_to_corner(planes, excess, value, strain, active, inverse, is_solved)
+    if (is_solved) return
     limit = slack*(scale + abs(planes%strength))   ! of unlimited ones: not used
     is_upper = trial(1) - trial(2) < trial(2) - trial(3)
     do attempt = 0, most_attempts
@@ -320,6 +322,37 @@ contains
       end do
     end do
   end subroutine return_to_planes
+
+  pure subroutine return_to_corner(planes, excess, value, strain, active, inverse, is_solved)
+    !! Where the elastic strain beyond the cut-off's corner has no negative component, its three
+    !! planes are active and no others. Their equations lose as many digits as moduli are apart, and
+    !! then leave stresses, and jumps of these; the corner itself is known.
+    type(planes_t), intent(in) :: planes
+    real(wp), intent(in) :: excess(n_plane)             !! of the trial, ordered [Pa]
+    real(wp), intent(inout) :: value(3), strain(3)      !! set if it is so
+    integer, intent(inout) :: active(3)                 !! likewise
+    real(wp), intent(inout) :: inverse(3, 3)            !! likewise [1/Pa]
+    logical, intent(out) :: is_solved
+    real(wp) :: lambda, shear, share, mean, volume
+    integer :: a
+
+    is_solved = .false.
+    if (.not. (planes%is_limited(4) .and. excess(6) > 0.0_wp)) return
+    lambda = planes%product(4, 5)
+    shear = 0.5_wp*(planes%product(4, 4) - lambda)
+    share = lambda/(3.0_wp*lambda + 2.0_wp*shear)
+    if (.not. excess(6) >= share*sum(excess(4:6))) return
+    is_solved = .true.
+    value = planes%strength(4:6)
+    mean = sum(excess(4:6))/3.0_wp
+    volume = 3.0_wp*mean/(3.0_wp*lambda + 2.0_wp*shear)
+    strain = (excess(4:6) - mean)/(2.0_wp*shear) + volume/3.0_wp
+    active = [4, 5, 6]
+    inverse = -share/(2.0_wp*shear)
+    do a = 1, 3
+      inverse(a, a) = (1.0_wp - share)/(2.0_wp*shear)
+    end do
+  end subroutine return_to_corner
 
   pure function excess_of(planes, stress) result(excess)
     !! How far principal stresses lie beyond the planes [Pa].

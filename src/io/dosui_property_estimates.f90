@@ -18,6 +18,8 @@ module dosui_property_estimates
 
   public :: estimate_properties
 
+  real(wp), parameter :: inset = 1.0e-6_wp
+  !! of the lattice from the faces, over the region's size: a modulus may vanish at a surface [-]
   integer, parameter :: samples(3) = [65, 17, 9]   ! along each axis of a region, by dimension
 
 contains
@@ -90,7 +92,8 @@ contains
     real(wp) :: low(ndim), high(ndim), position(ndim)
     integer :: r, i, d, n, rest
 
-    allocate (place(ndim, samples(ndim)**ndim*count(scene%region%material == scene%material(m)%name) + 1))
+    n = count(scene%region%material == scene%material(m)%name)
+    allocate (place(ndim, samples(ndim)**ndim*n + 1))
     n = 0
     do r = 1, size(scene%region)
       if (scene%region(r)%material /= scene%material(m)%name) cycle
@@ -98,8 +101,9 @@ contains
       do i = 0, samples(ndim)**ndim - 1
         rest = i
         do d = 1, ndim
-          position(d) = low(d) + (high(d) - low(d))*real(mod(rest, samples(ndim)), wp)/ &
-                        real(samples(ndim) - 1, wp)
+          position(d) = low(d) + (high(d) - low(d))* &
+                        (inset + (1.0_wp - 2.0_wp*inset)*real(mod(rest, samples(ndim)), wp)/ &
+                         real(samples(ndim) - 1, wp))
           rest = rest/samples(ndim)
         end do
         if (.not. shape_contains(scene%region(r), position, 0.0_wp)) cycle

@@ -1003,7 +1003,39 @@ contains
       call scene%material(k)%soil%check(key, message)
       if (len(message) > 0) call checker%complain('material', k, key, message)
     end do
+    call check_variation(checker, scene)
   end subroutine check_soils
+
+  subroutine check_variation(checker, scene)
+    !! What properties that vary with place do not go with.
+    type(checker_t), intent(inout) :: checker
+    type(scene_t), intent(in) :: scene
+    logical :: is_geostatic
+    integer :: k
+
+    is_geostatic = any(scene%initial_state%effective_stress == 'geostatic')
+    do k = 1, size(scene%material)
+      associate (material => scene%material(k))
+        if (material%conductivity_law == 'kozeny_carman') then
+          if (material%porosity%varies() .or. material%hydraulic_conductivity%varies()) &
+            call checker%complain('material', k, 'conductivity_law', 'kozeny_carman needs one '// &
+                                  'initial porosity and hydraulic_conductivity, not formulas')
+        end if
+        if (is_geostatic .and. material%solid_density%varies()) call complain('solid_density')
+        if (is_geostatic .and. material%porosity%varies()) call complain('porosity')
+      end associate
+    end do
+
+  contains
+
+    subroutine complain(key)
+      !! Geostatic stresses are formulas of one density.
+      character(len=*), intent(in) :: key
+
+      call checker%complain('material', k, key, 'must be a number where effective_stress = '// &
+                            '''geostatic'': with a formula, take geostatic_start in &time')
+    end subroutine complain
+  end subroutine check_variation
 
   subroutine check_moving(checker, scene)
     !! What explicit steps of moving particles do not survive.

@@ -70,7 +70,11 @@ contains
                         'keep their digits: coordinates may be as large as 4.5e9 spacings, '// &
                         'and bodies reach 1048568 cells from the middle of all.', .true., .false.)
     groups(3) = group_t('time', 'End of the run, output times and the time step.', .true., .false.)
-    groups(4) = group_t('material', 'A soil. Regions refer to it by its name.', .true., .true.)
+    groups(4) = group_t('material', 'A soil. Regions refer to it by its name. Values of the '// &
+                        'kind ''real or formula'' may be formulas of x, y, z (those of the '// &
+                        'dimension) in quotes, such as ''1e6 + 2e5*(10 - z)'': every particle '// &
+                        'has the value of its first place, which is a field of the results, '// &
+                        'too. Steps and memory are estimated from the largest value.', .true., .true.)
     groups(5) = group_t('water', 'The pore water and its operator; only with '// &
                         '`water = ''saturated''` in &scene.', .false., .false.)
     groups(6) = group_t('mechanics', 'How the skeleton''s motion is computed.', .false., .false.)

@@ -136,8 +136,11 @@ contains
 
     key = 'swelling_index'
     message = ''
-    if (.not. self%constant(swelling_index)%constant < &
-        self%constant(compression_index)%constant) message = 'must be below compression_index'
+    associate (swelling => self%constant(swelling_index), &
+               compression => self%constant(compression_index))
+      if (swelling%varies() .or. compression%varies()) return
+      if (.not. swelling%constant < compression%constant) message = 'must be below compression_index'
+    end associate
   end subroutine cam_clay_check
 
   pure subroutine cam_clay_prepare(self)

@@ -188,7 +188,7 @@ contains
   end subroutine material_model_visit_options
 
   pure subroutine material_model_check(self, key, message)
-    !! Constants that do not fit each other: none.
+    !! Constants that do not fit each other: none. Where they vary, each point is checked.
     class(material_model_t), intent(in) :: self
     character(len=:), allocatable, intent(out) :: key       !! which
     character(len=:), allocatable, intent(out) :: message   !! why not; '': they fit
@@ -294,9 +294,12 @@ contains
     !! Takes the constants of a place and derives what follows from them.
     class(material_model_t), intent(inout) :: self
     integer, intent(in) :: varying(:)       !! which
-    real(wp), intent(in) :: values(:)       !! of theirs
+    real(wp), intent(in) :: values(:)       !! of theirs [units of the constants]
+    integer :: j
 
-    self%constant(varying)%constant = values
+    do j = 1, size(varying)
+      call self%constant(varying(j))%set(values(j))
+    end do
     call self%prepare()
   end subroutine material_model_take_place
 
@@ -380,7 +383,8 @@ contains
     class(material_model_t), intent(inout) :: self
     real(wp), intent(in) :: values(:)    !! as from `place_values`
 
-    call self%take_place(self%varying, values)
+    self%constant(self%varying)%constant = values
+    call self%prepare()
     call self%vary()
   end subroutine material_model_represent
 
@@ -395,6 +399,7 @@ contains
     !! a constant that is out of range there; unallocated: none is
     class(material_model_t), allocatable :: local
     type(key_t) :: key
+    character(len=:), allocatable :: name
     real(wp) :: value
     integer :: m, j
 
@@ -416,6 +421,12 @@ contains
     allocate (local, source=self)
     deallocate (local%varying)
     call local%take_place(self%varying, state(m + 1:m + size(self%varying)))
+    call local%check(name, message)
+    if (len(message) > 0) then
+      message = name//' '//message
+      return
+    end if
+    deallocate (message)
     call local%start_state(porosity, stress, state(:m))
   end subroutine material_model_start_point
 

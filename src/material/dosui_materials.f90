@@ -82,26 +82,35 @@ contains
     !! Asks all models for their keys.
     class(soil_catalogue_t), intent(inout) :: self
     type(key_t) :: described
-    type(soil_key_t) :: new
-    integer :: m, k, j
+    type(soil_key_t), allocatable :: all(:)
+    integer :: m, k, j, n
 
     if (allocated(self%key)) return
-    allocate (self%model(size(model_names)), self%key(0))
+    allocate (self%model(size(model_names)))
+    n = 0
     do m = 1, size(model_names)
       call create_model(trim(model_names(m)), self%model(m)%model)
+      n = n + size(self%model(m)%model%constant)
+    end do
+    allocate (all(n))
+    n = 0
+    do m = 1, size(model_names)
       do k = 1, size(self%model(m)%model%constant)
         described = self%model(m)%model%key_of(k)
-        j = findloc(self%key%name == described%name, .true., dim=1)
+        j = findloc(all(:n)%name == described%name, .true., dim=1)
         if (j == 0) then
-          new = soil_key_t(name=described%name, only=described%only)
-          self%key = [self%key, new]
-          j = size(self%key)
+          n = n + 1
+          j = n
+          all(j)%name = described%name
+          all(j)%only = described%only
         end if
-        self%key(j)%place(m) = k
+        all(j)%place(m) = k
       end do
     end do
-    do j = 1, size(self%key)
-      if (len(self%key(j)%only) == 0) self%key(j)%only = owners(self%key(j)%place > 0)
+    allocate (self%key(n))
+    do j = 1, n
+      self%key(j) = all(j)
+      if (len(all(j)%only) == 0) self%key(j)%only = owners(all(j)%place > 0)
     end do
   end subroutine soil_catalogue_init
 

@@ -26,6 +26,7 @@ contains
     character(len=:), allocatable, intent(out) :: message       !! '' if all is well
 
     message = ''
+    if (dilation%varies() .or. friction%varies()) return
     if (dilation%constant > friction%constant) then
       message = 'must not exceed friction_angle (such a soil gives work when it is sheared)'
     end if

@@ -88,7 +88,8 @@ contains
       if (.not. model%materials%item(m)%model%varies()) cycle
       stiffest = -1.0_wp
       best = 0
-      associate (field => model%particles%field, h => model%p, soil => model%materials%item(m)%model)
+      associate (field => model%particles%field, h => model%p, &
+                 soil => model%materials%item(m)%model)
         do p = 1, model%particles%count
           if (nint(field(h%material)%values(1, p)) /= m) cycle
           call soil%moduli(field(h%state)%values(:, p), bulk, shear)

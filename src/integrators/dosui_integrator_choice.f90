@@ -102,7 +102,8 @@ contains
       associate (material => scene%material(k))
         density = scene%mixture_density(k)
         water = scene%water_modulus(k)
-        diffusion = max(diffusion, material%hydraulic_conductivity%constant*water/scene%water%unit_weight)
+        diffusion = max(diffusion, material%hydraulic_conductivity%constant*water/ &
+                        scene%water%unit_weight)
         if (material%rigid) cycle
         modulus = materials%item(k)%model%constrained_modulus()
         drained = max(drained, modulus/(density*scene%mechanics%density_scaling))

@@ -338,7 +338,8 @@ contains
     type(model_t), intent(inout) :: model
     real(wp), allocatable, intent(out) :: soil(:), point_soil(:)   !! [m/s]
 
-    associate (k => model%scene%material%hydraulic_conductivity%constant, n => model%particles%count)
+    associate (k => model%scene%material%hydraulic_conductivity%constant, &
+               n => model%particles%count)
       allocate (soil(n + model%particles%ghost_count), source=k(1))
       allocate (point_soil(model%surface%count + model%surface%ghost_count), source=k(1))
       if (model%s%material == 0) return   ! all alike

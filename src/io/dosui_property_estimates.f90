@@ -2,8 +2,8 @@
 !! estimated from a scene before there are particles.
 module dosui_property_estimates
   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
-  use, intrinsic :: ieee_exceptions, only: ieee_all, ieee_get_status, ieee_set_halting_mode, &
-                                                                      ieee_set_status, ieee_status_type
+  use, intrinsic :: ieee_exceptions, only: ieee_all, ieee_get_status, ieee_set_halting_mode
+  use, intrinsic :: ieee_exceptions, only: ieee_set_status, ieee_status_type
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim
   use dosui_key_visitor, only: in_range, key_t

@@ -1017,9 +1017,10 @@ contains
     do k = 1, size(scene%material)
       associate (material => scene%material(k))
         if (material%conductivity_law == 'kozeny_carman') then
-          if (material%porosity%varies() .or. material%hydraulic_conductivity%varies()) &
+          if (material%porosity%varies() .or. material%hydraulic_conductivity%varies()) then
             call checker%complain('material', k, 'conductivity_law', 'kozeny_carman needs one '// &
                                   'initial porosity and hydraulic_conductivity, not formulas')
+          end if
         end if
         if (is_geostatic .and. material%solid_density%varies()) call complain('solid_density')
         if (is_geostatic .and. material%porosity%varies()) call complain('porosity')

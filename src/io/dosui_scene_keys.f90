@@ -74,7 +74,8 @@ contains
                         'kind ''real or formula'' may be formulas of x, y, z (those of the '// &
                         'dimension) in quotes, such as ''1e6 + 2e5*(10 - z)'': every particle '// &
                         'has the value of its first place, which is a field of the results, '// &
-                        'too. Steps and memory are estimated from the largest value.', .true., .true.)
+                        'too. Steps and memory are estimated from the largest value.', &
+                        .true., .true.)
     groups(5) = group_t('water', 'The pore water and its operator; only with '// &
                         '`water = ''saturated''` in &scene.', .false., .false.)
     groups(6) = group_t('mechanics', 'How the skeleton''s motion is computed.', .false., .false.)
@@ -359,7 +360,8 @@ contains
                    key('rigid', 'the skeleton does not move: pure seepage'))
     call visit_soil(v, material, catalogue)
     call v%property(material%solid_density, &
-                    key('solid_density', 'density of the grains', unit='kg/m3', range=density_range))
+                    key('solid_density', 'density of the grains', unit='kg/m3', &
+                        range=density_range))
     call v%property(material%porosity, &
                     key('porosity', 'initial volume of voids per volume', unit='-', &
                         range=porosity_range))

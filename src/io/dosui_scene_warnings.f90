@@ -158,7 +158,8 @@ contains
           call checker%complain('material', k, 'softening_strain', 'makes results depend on '// &
                                 'the grid, as bands of shear are one or two spacings wide: '// &
                                 'softening_displacement = '// &
-                                to_text(material%value('softening_strain')*scene%grid_spacing, 4)// &
+                                to_text(material%value('softening_strain')* &
+                                        scene%grid_spacing, 4)// &
                                 ' [m] is the same on this grid and does not')
         end if
         call warn_of_radians(checker, material, k, 'friction_angle')

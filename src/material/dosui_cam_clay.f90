@@ -139,7 +139,9 @@ contains
     associate (swelling => self%constant(swelling_index), &
                compression => self%constant(compression_index))
       if (swelling%varies() .or. compression%varies()) return
-      if (.not. swelling%constant < compression%constant) message = 'must be below compression_index'
+      if (.not. swelling%constant < compression%constant) then
+        message = 'must be below compression_index'
+      end if
     end associate
   end subroutine cam_clay_check
 

@@ -12,8 +12,8 @@ module dosui_drucker_prager
   use dosui_kinds, only: wp
   use dosui_dimension, only: nsig
   use dosui_error, only: error_t
-  use dosui_isotropic_model, only: elastic_key, isotropic_model_t, n_elastic, opened, plastic_strain, &
-                                   poisson_ratio, young_modulus
+  use dosui_isotropic_model, only: elastic_key, isotropic_model_t, n_elastic, opened, &
+                                   plastic_strain, poisson_ratio, young_modulus
   use dosui_key_visitor, only: key, key_t, key_visitor_t, name_length
   use dosui_strength, only: check_dilation, degree, flatter
   use dosui_principal, only: deviator_of, elastic_matrix, tangent_from_invariants

@@ -81,10 +81,12 @@ def test_other_formulations(dosui: Runner, scene: str) -> None:
 
 
 def test_far_from_the_origin(dosui: Runner) -> None:
-    """Formulas see the user's coordinates, also where the scene is computed about a local origin."""
+    """Formulas see the user's coordinates, also where a scene has a local origin."""
     far = 4.0e6
     material = f"young_modulus = '1e6 + 2e5*({far + HEIGHT} - z)' poisson_ratio = {POISSON}"
-    run = dosui(column(material, origin=far, more=f"! {far}").replace("&grid ", f"&grid origin = {far} "))
+    run = dosui(
+        column(material, origin=far, more=f"! {far}").replace("&grid ", f"&grid origin = {far} ")
+    )
     assert settled(run) == pytest.approx(exact_settlement(), rel=1e-4)
 
 
@@ -110,11 +112,10 @@ def test_steady_flow_through_conductivity_that_grows(dosui: Runner) -> None:
     """q is the same everywhere: the head falls by q dz/k."""
     text = column(
         "rigid = .true. hydraulic_conductivity = '1e-6*(1 + z)'",
+        spacing=0.125,
         more="""&hydraulic_condition surface = 'base' kind = 'head' value = 12 /
 &hydraulic_condition surface = 'top' kind = 'head' value = 10 /""",
     ).replace("water = 'none'", "water = 'saturated' gravity = -9.81")
-    start, end = text.index("&mechanical_condition"), text.index("&probe")
-    text = text[:start] + text[text.index("&hydraulic") :] if end < 0 else text
     lines = [
         line
         for line in text.splitlines()
@@ -125,9 +126,12 @@ def test_steady_flow_through_conductivity_that_grows(dosui: Runner) -> None:
     fields = run.fields("column")
     z = fields["points"][:, 2]
     exact = 12.0 - 2.0 * np.log(1 + z) / np.log(1 + HEIGHT)
-    assert np.abs(fields["head"] - exact).max() <= 2e-3 * 2.0
+    assert np.abs(fields["head"] - exact).max() <= 1e-3 * 2.0
     flow = 1e-6 * 2.0 / np.log(1 + HEIGHT)
-    assert np.abs(fields["darcy_velocity"][:, 2] / flow - 1).max() <= 2e-2
+    # surfaces have the conductivity of the particle beside them: first order there
+    error = np.abs(fields["darcy_velocity"][:, 2] / flow - 1)
+    assert error.max() <= 3e-2
+    assert error[(z > 1.0) & (z < 9.0)].max() <= 3e-3
 
 
 def test_geostatic_start_with_density_that_grows(dosui: Runner) -> None:
@@ -137,6 +141,7 @@ def test_geostatic_start_with_density_that_grows(dosui: Runner) -> None:
         scene="gravity = -9.81",
         time="geostatic_start = .true.",
         load=0.0,
+        spacing=0.125,
     )
     run = dosui(text)
     assert run.status == 0, run.stdout + run.stderr
@@ -150,12 +155,12 @@ def test_geostatic_start_with_density_that_grows(dosui: Runner) -> None:
     ("material", "message"),
     [
         ("young_modulus = '1e6*(z - 5)'", "young_modulus = '1e6*(z - 5)': is -"),
-        ("young_modulus = '1e6*(z'", "column 7"),
+        ("young_modulus = '1e6*(z'", "column 5"),
         ("young_modulus = '1e6*q'", "unknown"),
         ("young_modulus = '-1e6'", "must be a number, without quotes"),
         ("young_modulus = '2*(-1e6)'", "must be > 0"),
-        ("young_modulus = 1e6 porosity = '0.1*z'", "must be > 0 and < 1"),
-        ("young_modulus = 1e6 solid_density = 'log(z - 5)'", "is NaN"),
+        ("young_modulus = 1e6 porosity = '0.2*z'", "must be > 0 and < 1"),
+        ("young_modulus = 1e6 solid_density = 'log(z - 5)'", "is nan at"),
     ],
 )
 def test_formulas_that_cannot_be(dosui: Runner, material: str, message: str) -> None:

@@ -5,7 +5,7 @@ module dosui_safety
   use dosui_kinds, only: wp
   use dosui_equilibrium, only: find_geostatic_equilibrium
   use dosui_error, only: error_t
-  use dosui_materials, only: weakened
+  use dosui_materials, only: has_strength, keeps_strength, weakened
   use dosui_model, only: model_t
   use dosui_point_set, only: point_set_t
   use dosui_text, only: to_text
@@ -28,14 +28,12 @@ contains
     integer :: n_iteration
     logical :: stands
 
-    if (.not. any(model%scene%material%model == 'mohr_coulomb' .or. &
-                  model%scene%material%model == 'drucker_prager')) then
+    if (.not. any(has_strength(model%scene%material))) then
       call err%set('--safety needs a material that can fail: model = ''mohr_coulomb'' or '// &
                    '''drucker_prager''')
       return
     end if
-    if (any(model%scene%material%model == 'cam_clay' .or. &
-            model%scene%material%model == 'dafalias_manzari')) then
+    if (any(keeps_strength(model%scene%material))) then
       call model%log%warning('--safety weakens cohesion and friction angles; soils of '// &
                              'cam_clay and dafalias_manzari keep theirs')
     end if

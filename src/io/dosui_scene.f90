@@ -6,6 +6,7 @@ module dosui_scene
   use dosui_kinds, only: wp, i8
   use dosui_dimension, only: ndim, nsig, axis
   use dosui_expression, only: expression_t
+  use dosui_integrator_traits, only: automatic, integrator_choice_t
   use dosui_problems, only: problems_t
   use dosui_triangles, only: triangles_t
   implicit none
@@ -217,6 +218,7 @@ module dosui_scene
     !! of an absorbing surface to compression and shear waves [Pa s/m]
   contains
     procedure :: is_load => mechanical_condition_is_load
+    procedure :: moves_wall => mechanical_condition_moves_wall
     procedure :: pressure_at => mechanical_condition_pressure_at
   end type mechanical_condition_t
 
@@ -312,8 +314,9 @@ module dosui_scene
     character(len=:), allocatable :: echo            !! every key with the value in force
     character(len=:), allocatable :: title
     character(len=name_length) :: water_mode = 'saturated'       !! 'none' or 'saturated'
-    character(len=name_length) :: integrator = 'explicit'
-    !! 'explicit', 'semi_implicit', 'quasi_static' or 'auto'
+    character(len=name_length) :: integrator = automatic
+    !! 'explicit', 'semi_implicit' or 'quasi_static'; 'auto' until `resolve_integrator`
+    type(integrator_choice_t) :: choice              !! why that integrator
     character(len=name_length) :: deformation = 'small_strain'
     !! 'small_strain', 'finite' or 'updated'
     character(len=name_length) :: leaving_particles = 'stop'     !! 'stop' or 'remove'
@@ -456,6 +459,13 @@ contains
     is_load = self%kind == 'traction' .or. self%kind == 'pressure' .or. &
               self%kind == 'reservoir' .or. self%kind == 'absorbing'
   end function mechanical_condition_is_load
+
+  pure elemental logical function mechanical_condition_moves_wall(self) result(moves)
+    !! Is it a plate or a wall that moves, and no load and no wall at rest?
+    class(mechanical_condition_t), intent(in) :: self
+
+    moves = self%kind == 'plate' .or. self%kind == 'velocity' .or. self%kind == 'normal_velocity'
+  end function mechanical_condition_moves_wall
 
   pure real(wp) function mechanical_condition_pressure_at(self, time, position) result(pressure)
     !! Pressure into the body of 'pressure' and 'reservoir' conditions [Pa].

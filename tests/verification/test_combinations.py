@@ -53,8 +53,10 @@ class Case:
     is_wet: bool = True
     dimension: int = 1
     end: float = 2.0  # s
+    is_damped: bool = True
     box: str = ""
     conductivity: float = CONDUCTIVITY
+    soil: str = f"young_modulus = {MODULUS}"
     poisson_ratio: float = 0.0
     load: float = LOAD
     more: dict[str, str] = field(default_factory=dict)  # keys of groups
@@ -77,8 +79,8 @@ class Case:
         """The namelist."""
         groups = "scene grid time soil mechanics water region mechanical_condition"
         more = dict.fromkeys(groups.split(" "), "")
-        if self.integrator != "quasi_static":
-            more["mechanics"] = "damping = 'viscous'"
+        if self.is_damped and self.integrator != "quasi_static":
+            more["mechanics"] = "damping = 'viscous' damping_coefficient = 30.0"
         more |= self.more
         flow = f"hydraulic_conductivity = {self.conductivity}" if self.is_wet else ""
         box = self.box or f"box_max = {HEIGHT}"
@@ -91,7 +93,7 @@ class Case:
   integrator = '{self.integrator}' deformation = '{self.deformation}' {more["scene"]} /
 &grid spacing = {SPACING} {more["grid"]} /
 &time end_time = {self.end} {more["time"]} /
-&material name = 's' young_modulus = {MODULUS} poisson_ratio = {self.poisson_ratio}
+&material name = 's' {self.soil} poisson_ratio = {self.poisson_ratio}
   porosity = {POROSITY} solid_density = {SOLID} {flow} {more["soil"]} /
 &mechanics {more["mechanics"]} /
 &region name = 'r' material = 's' box_min = {self.dimension}*0.0 {box} {more["region"]} /
@@ -140,16 +142,18 @@ def rests_under_suction(case: Case, run: Run) -> None:
 
 def seeps_through_less(case: Case, run: Run) -> None:
     """Darcy's law with Kozeny's and Carman's conductivity of the porosity after compression."""
-    volume = np.exp(-case.load / MODULUS)
+    head = 0.05  # m, at the base; half of its pressure is carried by the water in the middle
+    strain = (case.load - 0.5 * head * UNIT_WEIGHT) / MODULUS
+    volume = np.exp(-strain)
     if case.deformation == "finite":  # stress per present area: ln(J)/J
         for _ in range(50):
-            volume = np.exp(-case.load / MODULUS * volume)
+            volume = np.exp(-strain * volume)
     porosity = 1 - (1 - POROSITY) / volume
     ratio = (porosity / POROSITY) ** 3 * ((1 - POROSITY) / (1 - porosity)) ** 2
-    speed = CONDUCTIVITY * ratio * 0.01 / (HEIGHT * volume)
+    speed = CONDUCTIVITY * ratio * head / (HEIGHT * volume)
     assert ratio < 0.8
-    middle = run.fields("r")["darcy_velocity"][5:-5, 2]
-    assert middle == pytest.approx(speed, rel=1e-2)
+    middle = run.fields("r")["darcy_velocity"][5:-5, 2].mean()
+    assert middle == pytest.approx(speed, rel=2e-2)  # 1.2 %, 0.5 % on half the spacing
 
 
 def keeps_two_heads(case: Case, run: Run) -> None:
@@ -212,7 +216,7 @@ def stands_on_its_wall(case: Case, run: Run) -> None:
 
 
 COLUMN = Case(carries_its_load)
-LOOSE = replace(COLUMN, base="", top="", water="", conductivity=0.0, more={"mechanics": ""})
+LOOSE = replace(COLUMN, base="", top="", water="", conductivity=0.0, is_damped=False)
 SQUARE = "box_max = 0.6, 0.6"
 WEIGHTY = {"scene": f"gravity = -{GRAVITY}"}
 UPSIDE = f"gravity = {GRAVITY * np.sin(np.pi / 6)!r}, {-GRAVITY * np.cos(np.pi / 6)!r}"
@@ -248,12 +252,14 @@ CASES = {
         seeps_through_less,
         load=5.0e4,
         more={"soil": "conductivity_law = 'kozeny_carman'"},
-        groups="&hydraulic_condition surface = 'base' kind = 'head' value = 0.01 /",
+        groups="&hydraulic_condition surface = 'base' kind = 'head' value = 0.05 /",
     ),
     "cyclic sand": Case(
         carries_its_load_as_sand,
+        end=0.4,
         load=1.02e5,
-        more={"soil": "model = 'dafalias_manzari' reference_pressure = 1.0e5"},
+        soil="model = 'dafalias_manzari' reference_pressure = 1.0e5",
+        poisson_ratio=0.05,
         groups="&initial_state effective_stress = 'given'\n"
         "  effective_stress_value = 3*-1.0e5, 3*0.0 /",
     ),
@@ -287,7 +293,7 @@ CASES = {
         moves_on_its_dashpot,
         end=0.5,
         conductivity=0.0,
-        more={"mechanics": ""},
+        is_damped=False,
         base="&mechanical_condition surface = 'base' kind = 'absorbing' /",
         water="",
     ),
@@ -304,12 +310,13 @@ CASES = {
         LOOSE,
         check=swings,
         base=COLUMN.base,
-        more={"mechanics": "transfer = 'flip'"},
+        more={"mechanics": "transfer = 'flip'", "time": "courant = 0.1"},
         groups="&initial_state mode_amplitude = 0.01 mode_number = 1 /",
     ),
     "rigid wall": replace(
         LOOSE,
         check=stands_on_its_wall,
+        is_damped=True,
         end=2.0,
         more=WEIGHTY,
         groups=WALL.format(position="0.0", normal="1.0"),
@@ -317,6 +324,7 @@ CASES = {
     "oblique rigid wall": replace(
         LOOSE,
         check=stands_on_its_wall,
+        is_damped=True,
         dimension=2,
         box="box_max = 0.4, 1.0",
         more={"scene": UPSIDE, "region": "shape_angle = 30.0 lattice_angle = 30.0"},

@@ -11,7 +11,7 @@ module dosui_integrator_traits
   character(len=*), parameter, public :: quasi_static = 'quasi_static'
   character(len=*), parameter, public :: automatic = 'auto'   !! none of them yet
   character(len=*), parameter, public :: integrators(3) = [character(len=longest) :: explicit, &
-                                                           semi_implicit, quasi_static]
+                                                                        semi_implicit, quasi_static]
 
   type, public :: integrator_traits_t
     !! The facts of an explicit integrator, if nothing else is said.

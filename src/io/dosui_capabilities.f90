@@ -13,7 +13,7 @@ module dosui_capabilities
   private
 
   character(len=*), parameter, public :: deformations(3) = [character(len=16) :: 'small_strain', &
-                                                            'finite', 'updated']
+                                                                                'finite', 'updated']
   character(len=*), parameter, public :: any_scene = 'any scene'   !! the feature of every scene
   character(len=*), parameter, public :: wall = 'wall by penalty', &
                                          moving_wall = 'moving wall by penalty'

@@ -189,6 +189,14 @@ def test_what_auto_becomes_is_checked(dosui, more, scene, words):
     assert "(deformation = 'finite' works with integrator = 'quasi_static')" in run.stderr
 
 
+def test_constants_that_do_not_fit(dosui):
+    # a soil that gave work when it is sheared ended with a segmentation fault
+    soil = "model='mohr_coulomb' friction_angle=20 dilation_angle=30"
+    run = dosui(box(soil=soil), "--check")
+    assert run.status == 2
+    assert "material 's': dilation_angle must not exceed friction_angle" in run.stderr
+
+
 def test_rigid_scenes_are_not_shaken(dosui):
     run = dosui(box("&base_motion acceleration=1,0 /", soil="rigid=.true."), "--check")
     assert run.status == 2

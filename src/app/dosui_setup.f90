@@ -288,6 +288,7 @@ contains
     character(len=:), allocatable :: feature, reason
     integer :: c
 
+    reason = ''
     do c = 1, size(model%scene%mechanical_condition)
       associate (condition => model%scene%mechanical_condition(c))
         if (condition%is_load()) cycle

@@ -197,6 +197,7 @@ contains
     logical, allocatable :: asks(:)
     integer :: k
 
+    allocate (asks(0))
     select case (feature)
     case (any_scene)
       asks = [.true.]
@@ -215,7 +216,6 @@ contains
     case ('fluid inertia')
       asks = [scene%water%fluid_inertia .and. scene%water_mode /= 'none']
     case ('barrier')
-      allocate (asks(0))
       if (allocated(scene%barrier)) asks = spread(.true., 1, size(scene%barrier))
     case ('period')
       asks = [any(scene%grid_period > 0.0_wp)]
@@ -244,7 +244,6 @@ contains
     case ('long explicit steps')
       asks = [scene%time%courant > most_courant]
     case default   ! no feature of the table
-      allocate (asks(0))
     end select
     users = pack([(k, k=1, size(asks))], asks)
   end function users_of

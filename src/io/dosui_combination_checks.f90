@@ -78,6 +78,7 @@ contains
     character(len=:), allocatable :: feature, list
     integer :: k
 
+    feature = ''
     list = ''
     do k = 1, size(integrators)
       feature = obstacle(scene, trim(integrators(k)))

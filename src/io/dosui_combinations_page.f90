@@ -29,6 +29,7 @@ contains
 
     text = 'feature'//tab//'integrator'//tab//'deformation'//tab//'group'//tab//'key'//tab// &
            'reason'//newline
+    reason = ''
     features = all_features()
     do f = 1, size(features)
       do d = 1, size(deformations)

@@ -71,6 +71,7 @@ contains
       order = cshift(order, -1)
       reason = 'nothing in the scene has inertia'
     end if
+    hindrance = ''
     refused = ''
     do k = 1, size(order)
       hindrance = obstacle(scene, trim(order(k)))

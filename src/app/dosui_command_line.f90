@@ -8,10 +8,11 @@ module dosui_command_line
   public :: get_arguments, parse_command_line, read_command_line, usage
 
   integer, parameter, public :: argument_length = 4096   !! the longest path of Linux
-  integer, parameter :: option_length = 12
-  character(len=option_length), parameter :: options(11) = [character(len=option_length) :: &
+  integer, parameter :: option_length = 14
+  character(len=option_length), parameter :: options(12) = [character(len=option_length) :: &
                                                  '--check', '--template', '--output', '--restart', &
-                                                            '--continue', '--docs', '--elements', &
+                                                            '--continue', '--combinations', &
+                                                            '--docs', '--elements', &
                                                             '--safety', '--version', &
                                                             '--help', '-h']
 
@@ -23,6 +24,7 @@ module dosui_command_line
     integer :: dimension = 0                    !! of the template, 0 if not given
     logical :: is_continued = .false.           !! go on from the run's own checkpoint, if any
     logical :: is_check = .false.
+    logical :: is_combinations = .false.
     logical :: is_elements = .false.
     logical :: is_safety = .false.
     character(len=:), allocatable :: pressure   !! confining, of element tests, '' if not given
@@ -58,6 +60,8 @@ contains
            '                     pressure (1e5 Pa)'//newline// &
            '  --safety           print by how much the soils'' strength may fall before the '// &
            'body fails'//newline// &
+           '  --combinations     print which integrator and deformation do what, a table with '// &
+           'tabs'//newline// &
            '  --version          print the version and how it was built'//newline// &
            '  --help             print this'//newline// &
            newline// &
@@ -169,6 +173,8 @@ contains
       if (len(value) > 1 .or. (len(value) == 1 .and. line%dimension == 0)) then
         call err%set('--template '//value//': the dimension must be 1, 2 or 3')
       end if
+    case ('--combinations')
+      line%is_combinations = .true.
     case ('--safety')
       line%is_safety = .true.
     case ('--elements')
@@ -197,7 +203,7 @@ contains
     !! Is a scene to be run or checked (and not only something to be printed)?
     class(command_line_t), intent(in) :: self
 
-    is_run = .not. (self%is_template .or. self%is_version .or. self%is_help) .and. &
-             len(self%docs) == 0
+    is_run = .not. (self%is_template .or. self%is_combinations .or. self%is_version .or. &
+                    self%is_help) .and. len(self%docs) == 0
   end function command_line_is_run
 end module dosui_command_line

@@ -4,6 +4,7 @@ program dosui_main
   use dosui_allocator, only: return_large_arrays
   use dosui_build_info, only: build_type, compiler, flags, git_hash, version
   use dosui_checkpoint, only: find_checkpoint
+  use dosui_combinations_page, only: combinations_list
   use dosui_command_line, only: command_line_t, read_command_line, usage
   use dosui_communicator, only: communicator_t, parallel_start, parallel_stop
   use dosui_directories, only: make_directory
@@ -32,7 +33,7 @@ program dosui_main
   type(command_line_t) :: line
   type(error_t) :: err
   type(log_t) :: log
-  character(len=:), allocatable :: template
+  character(len=:), allocatable :: text
   integer :: status
 
   call return_large_arrays()
@@ -51,13 +52,10 @@ program dosui_main
     call log%info('dosui '//version//' ('//git_hash//', '//build_type//')'//new_line('a')// &
                   'compiler '//compiler//new_line('a')//'flags    '//flags)
   else if (line%is_template) then
-    call write_template(template)
-    if (comm%is_root()) call write_output(template, err)
-    call comm%agree(err)
-    if (err%failed()) then
-      call log%error(err%message)
-      status = status_failed
-    end if
+    call write_template(text)
+    call print_text(text)
+  else if (line%is_combinations) then
+    call print_text(combinations_list())
   else if (len(line%docs) > 0) then
     if (comm%is_root()) call write_group_docs(line%docs, err)
     call comm%agree(err)
@@ -74,6 +72,17 @@ program dosui_main
   call exit_with(status)
 
 contains
+
+  subroutine print_text(text)
+    !! Writes a text to the standard output. Collective.
+    character(len=*), intent(in) :: text
+
+    if (comm%is_root()) call write_output(text, err)
+    call comm%agree(err)
+    if (.not. err%failed()) return
+    call log%error(err%message)
+    status = status_failed
+  end subroutine print_text
 
   subroutine run(status)
     !! Reads and runs the scene of the command line.

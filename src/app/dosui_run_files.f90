@@ -387,7 +387,7 @@ contains
     class(run_files_t), intent(inout) :: self
     type(model_t), intent(in) :: model
 
-    if (.not. allocated(self%record)) call write_record(model%scene, model%traits%name, self%record)
+    if (.not. allocated(self%record)) call write_record(model%scene, self%record)
   end subroutine take_record
 
   pure function balance_of_rank(model) result(values)
@@ -466,6 +466,10 @@ contains
     call take_record(self, model)
     call compare_records(reader%record, self%record, time, refused, changed)
     if (len(refused) > 0) then
+      if (index(refused, '&scene integrator:') > 0 .and. model%scene%choice%is_automatic) then
+        refused = refused//new_line('a')//'  (integrator = ''auto'' chooses anew: '// &
+                  model%scene%choice%reason//'; name that of the checkpoint to go on with it)'
+      end if
       call err%set('the checkpoint '//path//' is of another scene (docs/restart.md lists what '// &
                    'may change); in the checkpoint -> in the scene:'//new_line('a')//refused)
     else if (len(changed) > 0) then

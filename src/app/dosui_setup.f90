@@ -4,12 +4,12 @@ module dosui_setup
   use dosui_dimension, only: ndim
   use dosui_barriers, only: barrier_faces
   use dosui_boundary_points, only: seed_boundary_points
+  use dosui_capabilities, only: moving_wall, reason_against, wall
   use dosui_communicator, only: communicator_t
   use dosui_damping, only: automatic_damping, damping_kind_of, damping_none, damping_viscous, &
                            fastest_damping
   use dosui_error, only: error_t
   use dosui_initial_state, only: apply_initial_state
-  use dosui_integrator_choice, only: choose_integrator
   use dosui_integrator_traits, only: traits_of
   use dosui_model, only: model_t
   use dosui_particle_fields, only: field_needs_t, register_particle_fields, &
@@ -72,8 +72,7 @@ contains
     if (.not. model%rigid) call prepare_reactions(model)
     model%nonlinear = model%unsaturated .or. &
                       (model%materials%is_nonlinear() .and. .not. model%rigid)
-    call choose_integrator(scene, model%materials, model%spacing, model%choice)
-    model%traits = traits_of(model%choice%name)
+    model%traits = traits_of(scene%integrator)
     model%inertia_drives = model%coupled .and. .not. model%rigid .and. &
                            scene%water%fluid_inertia .and. scene%water%operator == 'compact' .and. &
                            model%traits%is_explicit()
@@ -274,26 +273,23 @@ contains
   end subroutine find_impedances
 
   subroutine check_walls(model, err)
-    !! Penalty walls that implicit steps cannot have. Collective.
+    !! Walls off the grid lines that the integrator and the deformation cannot have. Collective.
     type(model_t), intent(in) :: model
     type(error_t), intent(inout) :: err
+    character(len=:), allocatable :: feature, reason
     integer :: c
 
+    reason = ''
     do c = 1, size(model%scene%mechanical_condition)
       associate (condition => model%scene%mechanical_condition(c))
-        select case (condition%kind)
-        case ('plate', 'velocity', 'normal_velocity')
-          if (model%comm%any(any(model%by_force(c, :)))) then
-            call err%set('surface '''//trim(condition%surface)//''': a '//trim(condition%kind)// &
-                         ' condition off the grid lines works with integrator = ''explicit'' only')
-          end if
-        case ('roller', 'fixed')
-          if (model%finite .and. model%comm%any(any(model%by_force(c, :)))) then
-            call err%set('surface '''//trim(condition%surface)//''': a wall off the grid lines '// &
-                         'does not work with deformation = ''finite''')
-          end if
-        case default   ! loads
-        end select
+        if (condition%is_load()) cycle
+        feature = wall
+        if (condition%moves_wall()) feature = moving_wall
+        reason = reason_against(feature, model%traits%name, model%scene%deformation)
+        if (len(reason) == 0) cycle
+        if (model%comm%any(any(model%by_force(c, :)))) then
+          call err%set('surface '''//trim(condition%surface)//''' is off the grid lines: '//reason)
+        end if
       end associate
     end do
   end subroutine check_walls
@@ -368,13 +364,15 @@ contains
                         to_text(model%partition%imbalance)//', bricks of cells '// &
                         to_text(model%partition%n_brick)//', cut faces '// &
                         to_text(model%partition%edge_cut))
-    call model%log%info('integrator   '//model%choice%describe())
+    call model%log%info('integrator   '//trim(model%traits%name)//' ('// &
+                        model%scene%choice%reason//'); '//model%scene%choice%describe())
     do k = 1, model%scene%warnings%count()
       call model%log%warning(model%scene%warnings%text(k))
     end do
-    if (model%traits%is_explicit() .and. model%choice%explicit_steps > many_steps) then
-      call model%log%warning('the run takes about '//to_text(model%choice%explicit_steps, 2)// &
-                             ' explicit steps; '//model%choice%describe_others())
+    if (model%traits%is_explicit() .and. &
+        model%scene%choice%steps_of(model%traits%name) > many_steps) then
+      call model%log%warning('so many explicit steps take very long: '// &
+                             model%scene%choice%describe())
     end if
     call warn_of_lossy_transfer(model)
     if (smallest == 0 .and. model%comm%size > 1) then
@@ -405,8 +403,7 @@ contains
     real(wp) :: steps
 
     if (.not. model%updated .or. model%rigid) return
-    steps = merge(model%choice%semi_implicit_steps, model%choice%explicit_steps, &
-                  model%traits%projects())
+    steps = model%scene%choice%steps_of(model%traits%name)
     if (.not. steps > lossy_steps) return
     select case (model%scene%mechanics%transfer)
     case ('apic', 'pic', 'blend')

@@ -17,7 +17,6 @@ module dosui_simulation
   use dosui_run_files, only: run_files_t
   use dosui_safety, only: find_safety_factor
   use dosui_scene, only: scene_t
-  use dosui_scene_checks, only: check_choice
   use dosui_size_report, only: report_sizes
   use dosui_setup, only: describe_model, finish_setup, seed_model, setup_model
   use dosui_signals, only: signal_received, signals_watch
@@ -57,8 +56,6 @@ contains
     problems = ''
     call setup_model(model, comm, scene)
     status = status_bad_input
-    call check_choice(scene, trim(model%traits%name), model%choice%reason, refused)
-    if (say_refused(model, refused)) return
     call create_integrator(trim(model%traits%name), integrator, err)
     call check_probes(scene%probe, result_fields(model), problems)
     if (len(restart) > 0) then

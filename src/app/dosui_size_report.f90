@@ -23,7 +23,7 @@ contains
     type(scene_sizes_t) :: sizes
     real(wp) :: memory, free, disk
 
-    sizes = sizes_of(model%scene, model%comm%size, trim(model%traits%name))
+    sizes = sizes_of(model%scene, model%comm%size)
     memory = sizes%memory/real(model%comm%size, wp)
     free = model%comm%minimum(free_memory()/real(model%comm%ranks_on_node(), wp))
     disk = free_disk(existing_folder(model%scene%output%directory))

@@ -12,7 +12,6 @@ module dosui_model
   use dosui_head_operator, only: head_operator_t
   use dosui_hydraulic_conditions, only: hydraulic_conditions_t
   use dosui_index_map, only: index_map_t
-  use dosui_integrator_choice, only: integrator_choice_t
   use dosui_integrator_traits, only: integrator_traits_t
   use dosui_log, only: log_t
   use dosui_materials, only: material_set_t
@@ -62,7 +61,6 @@ module dosui_model
     type(time_control_t) :: clock
     logical :: coupled = .false.     !! water is computed
     type(integrator_traits_t) :: traits      !! of the integrator
-    type(integrator_choice_t) :: choice      !! why that one
     logical :: rigid = .false.       !! skeleton does not move: mechanics is skipped
     logical :: updated = .false.     !! particles move, geometry follows
     logical :: finite = .false.      !! finite strains on a total Lagrangian grid

@@ -6,6 +6,7 @@ module dosui_scene
   use dosui_kinds, only: wp, i8
   use dosui_dimension, only: ndim, nsig, axis
   use dosui_expression, only: expression_t
+  use dosui_integrator_traits, only: automatic, integrator_choice_t
   use dosui_key_visitor, only: name_length
   use dosui_material_model, only: material_model_t
   use dosui_materials, only: create_model, material_set_t, soil_catalogue_t
@@ -93,6 +94,7 @@ module dosui_scene
     procedure :: choose_soil => material_choose_soil
     procedure :: set => material_set
     procedure :: varies => material_varies
+    procedure :: follows_finite_strains => material_follows_finite_strains
     procedure :: value => material_value
   end type material_t
 
@@ -197,6 +199,7 @@ module dosui_scene
     !! of an absorbing surface to compression and shear waves [Pa s/m]
   contains
     procedure :: is_load => mechanical_condition_is_load
+    procedure :: moves_wall => mechanical_condition_moves_wall
     procedure :: pressure_at => mechanical_condition_pressure_at
   end type mechanical_condition_t
 
@@ -292,8 +295,9 @@ module dosui_scene
     character(len=:), allocatable :: echo            !! every key with the value in force
     character(len=:), allocatable :: title
     character(len=name_length) :: water_mode = 'saturated'       !! 'none' or 'saturated'
-    character(len=name_length) :: integrator = 'explicit'
-    !! 'explicit', 'semi_implicit', 'quasi_static' or 'auto'
+    character(len=name_length) :: integrator = automatic
+    !! 'explicit', 'semi_implicit' or 'quasi_static'; 'auto' until `resolve_integrator`
+    type(integrator_choice_t) :: choice              !! why that integrator
     character(len=name_length) :: deformation = 'small_strain'
     !! 'small_strain', 'finite' or 'updated'
     character(len=name_length) :: leaving_particles = 'stop'     !! 'stop' or 'remove'
@@ -469,6 +473,14 @@ contains
     if (allocated(self%soil)) varies = varies .or. any(self%soil%constant%varies())
   end function material_varies
 
+  pure elemental logical function material_follows_finite_strains(self) result(follows)
+    !! Do the soil's state variables follow the deformation gradient of finite strains?
+    class(material_t), intent(in) :: self
+
+    follows = .true.
+    if (allocated(self%soil)) follows = self%soil%follows_finite_strains()
+  end function material_follows_finite_strains
+
   pure real(wp) function material_value(self, key) result(value)
     !! A constant of the soil by its key, 0 if the model has none of that name [unit of the key].
     class(material_t), intent(in) :: self
@@ -495,6 +507,13 @@ contains
     is_load = self%kind == 'traction' .or. self%kind == 'pressure' .or. &
               self%kind == 'reservoir' .or. self%kind == 'absorbing'
   end function mechanical_condition_is_load
+
+  pure elemental logical function mechanical_condition_moves_wall(self) result(moves)
+    !! Is it a plate or a wall that moves, and no load and no wall at rest?
+    class(mechanical_condition_t), intent(in) :: self
+
+    moves = self%kind == 'plate' .or. self%kind == 'velocity' .or. self%kind == 'normal_velocity'
+  end function mechanical_condition_moves_wall
 
   pure real(wp) function mechanical_condition_pressure_at(self, time, position) result(pressure)
     !! Pressure into the body of 'pressure' and 'reservoir' conditions [Pa].

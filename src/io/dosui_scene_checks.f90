@@ -13,16 +13,14 @@ module dosui_scene_checks
   implicit none
   private
 
-  public :: check_scene, check_body_faces, check_choice
+  public :: check_scene, check_body_faces
 
   real(wp), parameter :: unit_tolerance = 1.0e-3_wp   !! of the length of a unit vector [-]
-  real(wp), parameter :: most_courant = 0.65_wp       !! of explicit steps of moving particles [-]
 
   type, public :: checker_t
     !! Finds the line of what a check complains about.
     type(namelist_t), pointer :: namelist => null()   !! not a copy: it may hold millions of values
     type(problems_t) :: problems
-    character(len=:), allocatable :: choice   !! a remark on every problem; unallocated: none
   contains
     procedure :: complain => checker_complain
     procedure :: has => checker_has
@@ -51,7 +49,7 @@ contains
     call check_states(checker, scene)
     call check_conditions(checker, scene)
     call check_water(checker, scene)
-    call check_integrator(checker, scene)
+    call check_starts(checker, scene)
     call check_transfer(checker, scene)
     call check_soils(checker, scene)
     call check_sources(checker, scene)
@@ -64,31 +62,6 @@ contains
     problems = checker%problems
   end subroutine check_scene
 
-  subroutine check_choice(scene, integrator, reason, problems)
-    !! The checks that ask for the integrator, once more where 'auto' has become one.
-    type(scene_t), intent(in) :: scene
-    character(len=*), intent(in) :: integrator   !! that will run the scene
-    character(len=*), intent(in) :: reason       !! why it was chosen
-    type(problems_t), intent(inout) :: problems
-    type(checker_t) :: checker
-    type(namelist_t), target :: namelist
-    type(scene_t) :: chosen
-    type(problems_t) :: known   ! to whoever read the scene
-
-    if (scene%integrator /= 'auto') return
-    chosen = scene
-    chosen%integrator = integrator
-    checker%choice = " (integrator = 'auto' takes "//trim(integrator)//': '//reason//')'
-    call namelist%scan(scene%text, scene%file, known)
-    checker%namelist => namelist
-    checker%problems = problems
-    call check_integrator(checker, chosen)
-    call check_suction(checker, chosen)
-    call check_rigid_walls(checker, chosen)
-    call check_shaking(checker, chosen)
-    problems = checker%problems
-  end subroutine check_choice
-
   subroutine checker_complain(self, group, instance, key, reason, nearest)
     !! Adds a problem at the line of a key, or of its group if the key is not given.
     class(checker_t), intent(inout) :: self
@@ -96,24 +69,21 @@ contains
     integer, intent(in) :: instance
     character(len=*), intent(in) :: key, reason
     character(len=*), intent(in), optional :: nearest
-    character(len=:), allocatable :: text
     integer :: g, k
 
-    text = reason
-    if (allocated(self%choice)) text = text//self%choice
     g = self%namelist%find(group, instance)
     k = 0
     if (g > 0) k = self%namelist%group(g)%find(key)
     if (k > 0) then
       associate (given => self%namelist%group(g)%key(k))
-        call self%problems%add(self%namelist%file, given%line, group, key, given%shown(), text, &
+        call self%problems%add(self%namelist%file, given%line, group, key, given%shown(), reason, &
                                nearest)
       end associate
     else if (g > 0) then
       call self%problems%add(self%namelist%file, self%namelist%group(g)%line, group, key, '', &
-                             text, nearest)
+                             reason, nearest)
     else
-      call self%problems%add(self%namelist%file, 0, group, key, '', text, nearest)
+      call self%problems%add(self%namelist%file, 0, group, key, '', reason, nearest)
     end if
   end subroutine checker_complain
 
@@ -310,9 +280,6 @@ contains
     if (any(scene%grid_period > 0.0_wp .and. &
             (cells < 1.5_wp .or. abs(cells - anint(cells)) > 1.0e-6_wp*cells))) then
       call checker%complain('grid', 1, 'period', 'must be two or more whole grid spacings')
-    end if
-    if (scene%deformation /= 'small_strain') then
-      call checker%complain('grid', 1, 'period', 'works with deformation = ''small_strain'' only')
     end if
     do k = 1, group_size(scene, 'rigid_wall')
       if (any(scene%grid_period > 0.0_wp .and. abs(scene%rigid_wall(k)%normal) > 0.0_wp)) then
@@ -767,71 +734,37 @@ contains
   end subroutine check_water
 
   subroutine check_shaking(checker, scene)
-    !! Shaken bases and surfaces that let waves out need inertia.
+    !! What shaken bases need.
     type(checker_t), intent(inout) :: checker
     type(scene_t), intent(in) :: scene
-    character(len=*), parameter :: reason = 'needs inertia: integrator = ''explicit'' or '// &
-                                   '''semi_implicit'''
-    integer :: k
 
-    if (checker%namelist%count('base_motion') > 0) then
-      call check_pattern(checker, 'base_motion', 1, scene%base_motion%pattern)
-      if (any(abs(scene%base_motion%acceleration) > 0.0_wp)) then
-        if (all(scene%material%rigid)) call checker%complain('base_motion', 1, '', 'moves '// &
-                                                             'nothing: all materials are rigid')
-        if (scene%integrator == 'quasi_static') call checker%complain('base_motion', 1, '', reason)
-      else if (checker%has('base_motion', 1, 'file') .or. &
-               checker%has('base_motion', 1, 'formula') .or. &
-               checker%has('base_motion', 1, 'factor_times')) then
-        call checker%complain('base_motion', 1, 'acceleration', 'must not be zero')
-      end if
-      if (scene%mechanics%density_scaling > 1.0_wp) then
-        call checker%complain('mechanics', 1, 'density_scaling', 'does not go with &base_motion')
-      end if
-      if (allocated(scene%base_motion%file) .and. &
-          allocated(scene%base_motion%pattern%factor%time)) then
-        call checker%complain('base_motion', 1, 'file', 'takes the place of factor_times: '// &
-                              'give one of them')
-      end if
+    if (checker%namelist%count('base_motion') == 0) return
+    call check_pattern(checker, 'base_motion', 1, scene%base_motion%pattern)
+    if (any(abs(scene%base_motion%acceleration) > 0.0_wp)) then
+      if (all(scene%material%rigid)) call checker%complain('base_motion', 1, '', 'moves '// &
+                                                           'nothing: all materials are rigid')
+    else if (checker%has('base_motion', 1, 'file') .or. &
+             checker%has('base_motion', 1, 'formula') .or. &
+             checker%has('base_motion', 1, 'factor_times')) then
+      call checker%complain('base_motion', 1, 'acceleration', 'must not be zero')
     end if
-    if (scene%integrator /= 'quasi_static') return
-    do k = 1, size(scene%mechanical_condition)
-      if (scene%mechanical_condition(k)%kind == 'absorbing') then
-        call checker%complain('mechanical_condition', k, 'kind', reason)
-      end if
-    end do
-    do k = 1, size(scene%region)
-      if (any(abs(scene%region(k)%velocity) > 0.0_wp)) then
-        call checker%complain('region', k, 'velocity', reason)
-      end if
-      if (abs(scene%region(k)%spin) > 0.0_wp) call checker%complain('region', k, 'spin', reason)
-    end do
-    do k = 1, size(scene%initial_state)
-      if (scene%initial_state(k)%mode_number > 0) then
-        call checker%complain('initial_state', k, 'mode_number', reason)
-      end if
-    end do
+    if (scene%mechanics%density_scaling > 1.0_wp) then
+      call checker%complain('mechanics', 1, 'density_scaling', 'does not go with &base_motion')
+    end if
+    if (allocated(scene%base_motion%file) .and. &
+        allocated(scene%base_motion%pattern%factor%time)) then
+      call checker%complain('base_motion', 1, 'file', 'takes the place of factor_times: '// &
+                            'give one of them')
+    end if
   end subroutine check_shaking
 
   subroutine check_rigid_walls(checker, scene)
-    !! Walls that explicit and semi-implicit steps can meet.
+    !! Walls that have a side.
     type(checker_t), intent(inout) :: checker
     type(scene_t), intent(in) :: scene
     integer :: k
 
     do k = 1, group_size(scene, 'rigid_wall')
-      if (scene%integrator == 'quasi_static') then
-        call checker%complain('rigid_wall', k, '', &
-                              'does not work with integrator = ''quasi_static''')
-      end if
-      if (scene%integrator == 'semi_implicit' .and. &
-          count(abs(scene%rigid_wall(k)%normal) > 0.0_wp) > 1) then
-        call checker%complain('rigid_wall', k, 'normal', &
-                              'must be along an axis with integrator = ''semi_implicit''')
-      end if
-      if (scene%deformation == 'finite') then
-        call checker%complain('rigid_wall', k, '', 'does not work with finite strains')
-      end if
       if (checker%has('rigid_wall', k, 'normal') .and. &
           .not. norm2(scene%rigid_wall(k)%normal) > 0.0_wp) then
         call checker%complain('rigid_wall', k, 'normal', 'must not be zero')
@@ -840,7 +773,7 @@ contains
   end subroutine check_rigid_walls
 
   subroutine check_barriers(checker, scene)
-    !! Barriers stand still in bodies that hardly move.
+    !! Chains and polygons that can be barriers.
     type(checker_t), intent(inout) :: checker
     type(scene_t), intent(in) :: scene
     integer :: k, n, least
@@ -848,9 +781,6 @@ contains
     least = merge(3, 2, ndim == 3)
     do k = 1, group_size(scene, 'barrier')
       if (ndim == 1) call checker%complain('barrier', k, '', 'needs dimension = 2 or 3')
-      if (scene%deformation /= 'small_strain') then
-        call checker%complain('barrier', k, '', 'needs deformation = ''small_strain''')
-      end if
       if (scene%water_mode == 'none') call checker%complain('barrier', k, '', &
                                                     'has a meaning only with water = ''saturated''')
       if (.not. allocated(scene%barrier(k)%vertices)) cycle
@@ -912,73 +842,21 @@ contains
                               'needs gravity along -z in &scene')
       end if
     end do
-    do k = 1, size(scene%material)
-      if (scene%material(k)%conductivity_law == 'constant') cycle
-      if (scene%deformation == 'small_strain') then
-        call checker%complain('material', k, 'conductivity_law', 'needs deformation = '// &
-                              '''finite'' or ''updated'': porosity does not change otherwise')
-      end if
-    end do
     is_unsaturated = any(scene%material%retention /= 'none') .and. scene%water_mode /= 'none'
     if (.not. is_unsaturated) return
     if (is_literal) call checker%complain('water', 1, 'operator', &
                                           'retention needs operator = ''compact''')
-    if (scene%integrator == 'semi_implicit') then
-      call checker%complain('scene', 1, 'integrator', 'retention works with explicit and '// &
-                            'quasi_static steps')
-    end if
   end subroutine check_suction
 
-  subroutine check_integrator(checker, scene)
-    !! What the implicit integrators cannot do.
+  subroutine check_starts(checker, scene)
+    !! One equilibrium before the clock starts.
     type(checker_t), intent(inout) :: checker
     type(scene_t), intent(in) :: scene
-    logical :: is_wet
-    integer :: k
 
     if (scene%time%geostatic_start .and. scene%time%undrained_start) then
       call checker%complain('time', 1, 'undrained_start', 'does not go with geostatic_start')
     end if
-    if (scene%deformation == 'finite') call check_finite(checker, scene)
-    if (scene%integrator == 'explicit') call check_moving(checker, scene)
-    if (scene%water%fluid_inertia .and. scene%integrator /= 'explicit') then
-      call checker%complain('water', 1, 'fluid_inertia', 'works with integrator = '// &
-                            '''explicit'' only: in implicit steps accelerations of the step '// &
-                            'before make pressures grow')
-    end if
-    if (scene%shape_function == 'cpgimp' .and. scene%deformation /= 'updated') then
-      call checker%complain('grid', 1, 'shape_function', 'cpgimp works with deformation = '// &
-                            '''updated'' only: other particles keep their domains')
-    end if
-    if (scene%integrator == 'explicit' .or. scene%integrator == 'auto') return
-    is_wet = scene%water_mode /= 'none'
-    if (is_wet .and. scene%water%operator == 'two_pass') then
-      call checker%complain('water', 1, 'operator', 'two_pass works with integrator = '// &
-                            '''explicit'' only')
-    end if
-    if (scene%integrator == 'quasi_static' .and. scene%deformation == 'updated') then
-      call checker%complain('scene', 1, 'deformation', 'updated has no quasi_static steps: '// &
-                            'use explicit or semi_implicit')
-    end if
-    if (scene%integrator == 'semi_implicit') then
-      if (.not. is_wet) call checker%complain('scene', 1, 'integrator', 'semi_implicit is for '// &
-                                              'scenes with water: dry ones are explicit')
-      if (any(scene%material%rigid)) then
-        call checker%complain('scene', 1, 'integrator', 'semi_implicit needs a skeleton that '// &
-                              'moves: use quasi_static or explicit with rigid materials')
-      end if
-    end if
-    do k = 1, size(scene%mechanical_condition)
-      if (scene%mechanical_condition(k)%imposition /= 'penalty') cycle
-      select case (scene%mechanical_condition(k)%kind)
-      case ('plate', 'velocity', 'normal_velocity')
-        call checker%complain('mechanical_condition', k, 'imposition', &
-                              'a plate or a moving wall by penalty works with integrator = '// &
-                              '''explicit'' only')
-      case default
-      end select
-    end do
-  end subroutine check_integrator
+  end subroutine check_starts
 
   subroutine check_transfer(checker, scene)
     !! A key of a transfer that 'auto' did not choose.
@@ -1037,45 +915,6 @@ contains
                             '''geostatic'': with a formula, take geostatic_start in &time')
     end subroutine complain
   end subroutine check_variation
-
-  subroutine check_moving(checker, scene)
-    !! What explicit steps of moving particles do not survive.
-    type(checker_t), intent(inout) :: checker
-    type(scene_t), intent(in) :: scene
-
-    if (scene%deformation /= 'updated' .or. .not. scene%time%courant > most_courant) return
-    call checker%complain('time', 1, 'courant', 'must be at most '//to_text(most_courant)// &
-                          ' in explicit steps with deformation = ''updated'': particles at '// &
-                          'free surfaces would lose their volume')
-  end subroutine check_moving
-
-  subroutine check_finite(checker, scene)
-    !! What finite strains need.
-    type(checker_t), intent(inout) :: checker
-    type(scene_t), intent(in) :: scene
-    integer :: k
-
-    if (scene%integrator == 'explicit' .or. scene%integrator == 'semi_implicit') then
-      call checker%complain('scene', 1, 'deformation', 'finite works with integrator = '// &
-                            '''quasi_static'' only')
-    end if
-    if (any(scene%material%rigid)) then
-      call checker%complain('scene', 1, 'deformation', 'finite needs a skeleton that moves')
-    end if
-    do k = 1, size(scene%material)
-      if (.not. allocated(scene%material(k)%soil)) cycle
-      if (scene%material(k)%soil%follows_finite_strains()) cycle
-      call checker%complain('material', k, 'model', trim(scene%material(k)%model)//' works '// &
-                            'with deformation = ''small_strain'' or ''updated'' only: its '// &
-                            'tensors do not follow F')
-    end do
-    do k = 1, size(scene%mechanical_condition)
-      if (scene%mechanical_condition(k)%imposition == 'penalty') then
-        call checker%complain('mechanical_condition', k, 'imposition', &
-                              'penalty does not work with deformation = ''finite''')
-      end if
-    end do
-  end subroutine check_finite
 
   subroutine check_sources(checker, scene)
     !! Formulas that can be read.

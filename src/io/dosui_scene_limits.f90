@@ -129,7 +129,7 @@ contains
     real(wp) :: memory, disk
     integer :: n_problem
 
-    sizes = sizes_of(scene, comm%size, trim(scene%integrator))
+    sizes = sizes_of(scene, comm%size)
     memory = comm%minimum(free_memory()/real(comm%ranks_on_node(), wp))
     disk = free_disk(existing_folder(scene%output%directory))
     call comm%broadcast(disk)

@@ -3,11 +3,13 @@
 module dosui_scene_reader
   use dosui_kinds, only: wp, i8
   use dosui_dimension, only: ndim, axis
+  use dosui_combination_checks, only: check_combinations
   use dosui_communicator, only: communicator_t
   use dosui_directories, only: absolute_path, directory_problem
   use dosui_error, only: error_t
   use dosui_fields, only: field_name, find_fields, line_limit, most_fields, next_line, &
                           shown_word, text_start
+  use dosui_integrator_choice, only: resolve_integrator
   use dosui_key_visitor, only: choice_of, in_range, key_t, key_visitor_t, n_choice, name_length
   use dosui_local_origin, only: choose_local_origin, distance_from, move_to_origin, scene_bounds
   use dosui_namelist, only: namelist_t, namelist_group_t, read_bytes, read_text_file, &
@@ -111,6 +113,7 @@ contains
     if (len(reason) > 0) call problems%add(path, 0, 'output', 'directory', &
                                            "'"//scene%output%directory//"'", reason)
     if (problems%count() == 0) call estimate_properties(scene, namelist, problems)
+    if (problems%count() == 0) call resolve_integrator(scene)
     if (problems%count() == 0) call check_sizes(comm, scene, namelist, problems)
     if (problems%count() == 0) call check_reach(scene, namelist, problems)
     if (problems%count() > 0) call err%set(path//': '//to_text(problems%count())//' problem(s)')
@@ -421,6 +424,7 @@ contains
     scene%shape_function = scene%shape_function_in_force()
     scene%mechanics%transfer = scene%transfer_in_force()
     call check_scene(scene, namelist, problems)
+    call check_combinations(scene, namelist, problems)
     call write_echo(scene, scene%echo)
   end subroutine parse_groups
 

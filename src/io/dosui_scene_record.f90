@@ -64,30 +64,27 @@ contains
 
   ! ---------------------------------------------------------------- writing
 
-  subroutine write_record(scene, integrator, text)
-    !! A scene as text: `&group label`, then `key = value` lines. Lists stand on one line.
+  subroutine write_record(scene, text)
+    !! A scene, its integrator resolved, as text: `&group label`, then `key = value` lines. Lists
+    !! stand on one line.
     type(scene_t), intent(in) :: scene
-    character(len=*), intent(in) :: integrator   !! that `auto` has led to
     character(len=:), allocatable, intent(out) :: text
-    type(scene_t) :: resolved
     type(group_t), allocatable :: groups(:)
     type(entry_t), allocatable :: entries(:)
     type(text_t) :: record
     character(len=:), allocatable :: label
     integer :: g, instance, k
 
-    resolved = scene
-    resolved%integrator = integrator
     groups = scene_groups()
     do g = 1, size(groups)
-      if (.not. is_in_force(resolved, groups(g)%name)) cycle
-      do instance = 1, group_size(resolved, groups(g)%name)
-        call group_entries(resolved, groups(g)%name, instance, entries)
+      if (.not. is_in_force(scene, groups(g)%name)) cycle
+      do instance = 1, group_size(scene, groups(g)%name)
+        call group_entries(scene, groups(g)%name, instance, entries)
         label = ''
         if (groups(g)%is_repeatable) label = ' '//on_one_line(entries(1)%value)
         call record%append('&'//groups(g)%name//label//newline)
         do k = 1, size(entries)
-          if (entries(k)%key%applies) call append_entry(record, resolved, instance, entries(k))
+          if (entries(k)%key%applies) call append_entry(record, scene, instance, entries(k))
         end do
       end do
     end do

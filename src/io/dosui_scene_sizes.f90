@@ -4,7 +4,9 @@ module dosui_scene_sizes
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim
   use dosui_error, only: error_t
+  use dosui_integrator_traits, only: integrator_traits_t, traits_of
   use dosui_materials, only: material_set_t
+  use dosui_ratios, only: ratio => bounded_ratio
   use dosui_scene, only: region_t, scene_t
   use dosui_scene_keys, only: group_size
   use dosui_seeding, only: region_spacing
@@ -52,12 +54,11 @@ contains
     bytes = self%result_bytes + self%history_bytes + 2.0_wp*self%checkpoint_bytes
   end function scene_sizes_disk
 
-  function sizes_of(scene, n_rank, integrator) result(sizes)
-    !! Estimates for a scene without problems; bodies and particles of files are taken if they
-    !! have been read.
+  function sizes_of(scene, n_rank) result(sizes)
+    !! Estimates for a scene without problems, whose integrator is resolved; bodies and particles
+    !! of files are taken if they have been read.
     type(scene_t), intent(in) :: scene
     integer, intent(in) :: n_rank
-    character(len=*), intent(in) :: integrator   !! 'auto' counts as explicit
     type(scene_sizes_t) :: sizes
     real(wp) :: particles, sites
     integer :: r
@@ -82,19 +83,10 @@ contains
       end if
       sizes%rows = sizes%rows + sizes%outputs
     end associate
-    call add_files(scene, integrator, sizes)
-    sizes%memory = memory_of(scene, integrator, sizes) + real(n_rank, wp)* &
+    call add_files(scene, sizes)
+    sizes%memory = memory_of(scene, sizes) + real(n_rank, wp)* &
                    (process_bytes + 2.0_wp*real_bytes*sizes%outputs)
   end function sizes_of
-
-  pure elemental real(wp) function ratio(a, b)
-    !! A quotient that does not overflow, nor do products of a few.
-    real(wp), intent(in) :: a, b
-    real(wp), parameter :: most = 1.0e30_wp
-
-    ratio = most
-    if (abs(b) > abs(a)/most) ratio = a/b
-  end function ratio
 
   pure subroutine region_particles(scene, region, particles, sites)
     !! Particles of a region, and the sites of its lattice that are looked at to find them.
@@ -150,16 +142,17 @@ contains
     end do
   end function region_points
 
-  subroutine add_files(scene, integrator, sizes)
+  subroutine add_files(scene, sizes)
     !! Bytes of the result file, its histories and a checkpoint.
     type(scene_t), intent(in) :: scene
-    character(len=*), intent(in) :: integrator
     type(scene_sizes_t), intent(inout) :: sizes
     type(material_set_t) :: materials
+    type(integrator_traits_t) :: integrator
     real(wp) :: numbers, columns, fields
     logical :: is_wet
 
     is_wet = scene%water_mode /= 'none'
+    integrator = traits_of(scene%integrator)
     call scene%prepare_materials(materials)
     numbers = 21.0_wp + real(materials%n_state(), wp)   ! place, identity and the fields
     if (is_wet) numbers = numbers + 6.0_wp
@@ -172,21 +165,22 @@ contains
     fields = real(3*ndim + 4 + ndim*ndim + (ndim*(ndim + 5))/2 + materials%n_state(), wp)
     if (is_wet) fields = fields + 3.0_wp
     if (scene%deformation == 'finite') fields = fields + real(ndim + ndim*ndim + 1, wp)
-    if (integrator == 'quasi_static') fields = fields + 1.0_wp
+    if (.not. integrator%has_inertia()) fields = fields + 1.0_wp
     sizes%checkpoint_bytes = real_bytes*(fields*sizes%particles + &
                                          real(4*ndim + 6, wp)*sizes%surface_points)
   end subroutine add_files
 
-  pure real(wp) function memory_of(scene, integrator, sizes) result(bytes)
+  pure real(wp) function memory_of(scene, sizes) result(bytes)
     !! Memory of particles, grid and matrices of all ranks [B].
     type(scene_t), intent(in) :: scene
-    character(len=*), intent(in) :: integrator
     type(scene_sizes_t), intent(in) :: sizes
+    type(integrator_traits_t) :: integrator
     real(wp) :: particle, per_cell, seeding, fill(3)
     logical :: is_wet, is_implicit
 
     is_wet = scene%water_mode /= 'none'
-    is_implicit = integrator == 'quasi_static' .or. integrator == 'semi_implicit'
+    integrator = traits_of(scene%integrator)
+    is_implicit = .not. integrator%is_explicit()
     particle = dry_particle(ndim)
     per_cell = cell(ndim)
     if (is_wet) particle = particle + wet_particle(ndim)

@@ -1,6 +1,7 @@
 !! What the table of keys says to the user: a template of a scene, and the pages of the manual.
 module dosui_scene_template
   use dosui_kinds, only: wp
+  use dosui_combinations_page, only: combinations_page
   use dosui_dimension, only: ndim
   use dosui_error, only: error_t
   use dosui_key_visitor, only: key_t, restart_content, restart_free, restart_later
@@ -225,8 +226,8 @@ contains
   ! ---------------------------------------------------------------- manual
 
   subroutine write_group_docs(directory, err)
-    !! One page for each group, and an index, into a folder that exists: the same from the
-    !! executables of all dimensions.
+    !! One page for each group, one of what works with what, and an index, into a folder that
+    !! exists: the same from the executables of all dimensions.
     character(len=*), intent(in) :: directory
     type(error_t), intent(inout) :: err
     type(group_t), allocatable :: groups(:)
@@ -236,7 +237,7 @@ contains
 
     groups = scene_groups()
     call collect_keys(keys)
-    contents = docs_mark()//'# The scene file'//newline//newline// &
+    contents = docs_mark('dosui_scene_keys')//'# The scene file'//newline//newline// &
                'A scene is a text file of groups, `&name key = value ... /`; `!` begins a '// &
                'comment. Texts stand in'//newline//'quotes, vectors hold the components of the '// &
                'scene''s dimension: (z), (x, z) or (x, y, z), with z up.'//newline// &
@@ -249,6 +250,8 @@ contains
                'value; later, factors after'//newline//'the time of the checkpoint; content, '// &
                'the path of a file but not what it holds; nothing, if it is empty'//newline// &
                '([restart](../restart.md)).'//newline//newline// &
+               'Which integrator and which deformation do what: [what works with '// &
+               'what](combinations.md).'//newline//newline// &
                '| group | given | holds |'//newline//'|---|---|---|'//newline
     do g = 1, size(groups)
       contents = contents//'| [`&'//groups(g)%name//'`]('//groups(g)%name//'.md) | '// &
@@ -256,14 +259,17 @@ contains
       call write_file(directory//'/'//groups(g)%name//'.md', group_page(groups(g), keys), err)
     end do
     call write_file(directory//'/README.md', contents, err)
+    call write_file(directory//'/combinations.md', &
+                    combinations_page(docs_mark('dosui_capabilities')), err)
   end subroutine write_group_docs
 
-  pure function docs_mark() result(text)
+  pure function docs_mark(module) result(text)
     !! The first line of every page.
+    character(len=*), intent(in) :: module   !! that it is written from
     character(len=:), allocatable :: text
 
-    text = '<!-- Written by `dosui --docs docs/namelist` from src/io/dosui_scene_keys.f90: '// &
-           'change it there. -->'//newline//newline
+    text = '<!-- Written by `dosui --docs docs/namelist` from src/io/'//module// &
+           '.f90: change it there. -->'//newline//newline
   end function docs_mark
 
   function group_page(group, keys) result(text)
@@ -273,8 +279,9 @@ contains
     character(len=:), allocatable :: text
     integer :: k
 
-    text = docs_mark()//'# `&'//group%name//'`'//newline//newline//group%description// &
-           newline//newline//'This group is '//group_note(group)//'.'//newline//newline// &
+    text = docs_mark('dosui_scene_keys')//'# `&'//group%name//'`'//newline//newline// &
+           group%description//newline//newline//'This group is '//group_note(group)//'.'// &
+           newline//newline// &
            '| key | type | unit | default | allowed | meaning | at a restart |'//newline// &
            '|---|---|---|---|---|---|---|'//newline
     do k = 1, size(keys)

@@ -4,6 +4,7 @@ module dosui_scene_warnings
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim
   use dosui_initial_state, only: geostatic_density
+  use dosui_integrator_traits, only: integrator_traits_t, traits_of
   use dosui_local_origin, only: scene_bounds
   use dosui_name_index, only: name_index_t
   use dosui_namelist, only: namelist_t
@@ -66,11 +67,13 @@ contains
     !! of this motion out, are good for: k omega/g with the pulsation of harmonic loads.
     type(checker_t), intent(inout) :: checker
     type(scene_t), intent(in) :: scene
+    type(integrator_traits_t) :: integrator
     real(wp) :: pulsation, ratio
     integer :: k
 
-    if (scene%water_mode /= 'saturated' .or. scene%integrator == 'quasi_static') return
-    if (scene%deformation == 'finite' .or. all(scene%material%rigid)) return
+    integrator = traits_of(scene%integrator)
+    if (scene%water_mode /= 'saturated' .or. .not. integrator%has_inertia()) return
+    if (all(scene%material%rigid)) return
     pulsation = 0.0_wp
     do k = 1, size(scene%mechanical_condition)
       pulsation = max(pulsation, pulsation_of(scene%mechanical_condition(k)%pattern%factor))

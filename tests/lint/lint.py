@@ -1,10 +1,12 @@
 #!/usr/bin/env python3
 """Rules of the house that a machine can check.
 
-lint.py [rooms] [sources] [fprettify] [fortitude] [ruff]      without arguments: all
+lint.py [rooms] [sources] [names] [fprettify] [fortitude] [ruff]      without arguments: all
 
 rooms      which room of src/ may use which (docs/developer/design.md), and foreign modules
 sources    lines, names, `only`, `private`, no stop and no preprocessor
+names      integrators, soils and walls are asked for facts, not compared by name outside their own
+           modules
 fprettify  layout; fortitude: Fortran linter; ruff: Python linter and layout
 """
 
@@ -13,6 +15,7 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -134,6 +137,72 @@ def check_sources() -> list[str]:
     return problems
 
 
+# What is known by a name: the names, constants for them, the modules that may compare them, and
+# those left that still do; no other may begin. Walls are not types yet.
+KNOWN_BY_NAME = {
+    "integrator": (
+        "explicit semi_implicit quasi_static",
+        "explicit semi_implicit quasi_static automatic",
+        "dosui_integrators dosui_integrator_traits",
+        "",
+    ),
+    "soil": (
+        "linear_elastic mohr_coulomb drucker_prager cam_clay dafalias_manzari",
+        "",
+        "dosui_materials",
+        "dosui_scene_keys",
+    ),
+    "wall": (
+        "roller fixed normal_velocity plate",
+        "",
+        "dosui_scene",
+        "dosui_nodal_conditions dosui_surface_forces dosui_unknowns dosui_implicit_system"
+        " dosui_region_contacts dosui_surface_overlaps dosui_surface_report dosui_scene_keys",
+    ),
+}
+# `x == 'name'`, `'name' /= x`, `case ('name', ...)`; strings stay, comments go.
+COMPARISON = r"(==|/=)\s*{0}|{0}\s*(==|/=)|\bcase\s*\([^)]*{0}"
+
+
+def without_comment(line: str) -> str:
+    """The line without its comment, strings included."""
+    quote = ""
+    for place, character in enumerate(line):
+        if quote:
+            quote = "" if character == quote else quote
+        elif character in "'\"":
+            quote = character
+        elif character == "!":
+            return line[:place]
+    return line
+
+
+def check_names() -> list[str]:
+    problems = []
+    for what, (names, constants, owners, left) in KNOWN_BY_NAME.items():
+        of_names = comparisons(rf"['\"]{name}\s*['\"]" for name in names.split())
+        of_constants = comparisons(rf"\b{name}\b(?!\s*[(%])" for name in constants.split())
+        found = set()
+        for path in fortran_files():
+            for number, line in enumerate(path.read_text().splitlines(), start=1):
+                if not (
+                    of_names.search(without_comment(line)) or of_constants.search(code_of(line))
+                ):
+                    continue
+                found.add(path.stem)
+                if path.stem not in owners.split() + left.split():
+                    problems.append(f"{path}:{number}: compares names of {what}s: ask for a fact")
+        for module in set(left.split()) - found:
+            problems.append(f"{__file__}:1: {module} compares no {what}s any more: cross it out")
+    return problems
+
+
+def comparisons(words: Iterable[str]) -> re.Pattern[str]:
+    """Comparisons with any of these words; with none, what no line holds."""
+    choice = "|".join(words)
+    return re.compile(COMPARISON.format(f"(?:{choice})") if choice else r"(?!)", re.I)
+
+
 def tool(*command: str) -> tuple[int, str]:
     """A program of this Python's environment: (exit status, output)."""
     program = Path(sys.executable).parent / command[0]
@@ -165,6 +234,7 @@ def check_ruff() -> list[str]:
 CHECKS = {
     "rooms": check_rooms,
     "sources": check_sources,
+    "names": check_names,
     "fprettify": check_fprettify,
     "fortitude": check_fortitude,
     "ruff": check_ruff,

@@ -74,6 +74,7 @@ class Case:
         shape = "gimp" if self.updated else "linear"
         lines = [
             f"&scene dimension = {d} water = '{'saturated' if self.water else 'none'}'",
+            "  integrator = 'explicit'",
             f"  deformation = '{mode}' gravity = {vector(['0.0'] * (d - 1) + ['-9.81'])} /",
             f"&grid spacing = {SPACING} shape_function = '{shape}' /",
             f"&time end_time = 1.0e3 maximum_steps = {steps} /",

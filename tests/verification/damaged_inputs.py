@@ -55,7 +55,7 @@ WORDS += [
 
 SOIL = "&material name='s' young_modulus=1e6 porosity=0.3 hydraulic_conductivity=1e-5 /\n"
 DRY = SOIL.replace("hydraulic_conductivity=1e-5", "")
-TABLE_SCENE = f"""&scene dimension=2 /
+TABLE_SCENE = f"""&scene dimension=2 integrator='explicit' /
 &grid spacing=0.1 /
 &time end_time=1.0 maximum_steps=3 /
 {SOIL}&region name='b' material='s' box_min=0,0 box_max=1,1 particle_file='damaged' /

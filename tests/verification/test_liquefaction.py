@@ -326,7 +326,7 @@ def test_saturated_sand_consolidates(dosui: Runner) -> None:
 
 
 SOILS = """
-&scene dimension = 2 water = 'none' gravity = 2*0.0 /
+&scene dimension = 2 water = 'none' integrator = 'explicit' gravity = 2*0.0 /
 &grid spacing = 0.1 /
 &time end_time = 1.0 /
 &material name = 'elastic' young_modulus = 2.0e7 poisson_ratio = 0.3 /

@@ -184,7 +184,7 @@ def test_bodies_that_fly_away(dosui: Runner) -> None:
 def test_sizes_are_refused(dosui: Runner, old: str, new: str, expected: str, option: str) -> None:
     """What no machine holds is refused at its key before anything of that size is made."""
     text = """
-&scene dimension = 2 /
+&scene dimension = 2 integrator = 'explicit' /
 &grid spacing = 0.25 /
 &time end_time = 100 maximum_steps = 3 /
 &material name = 's' young_modulus = 1e6 porosity = 0.3 hydraulic_conductivity = 1e-5 /
@@ -264,7 +264,7 @@ def test_many_groups(dosui: Runner) -> None:
         )
         words = " ".join(f"word_{k} = {k}" for k in range(n // 10))
         return f"""
-&scene dimension = 2 /
+&scene dimension = 2 integrator = 'explicit' /
 &grid spacing = 0.25 /
 &time end_time = {n} output_times = {times} /
 &material name = 's' young_modulus = 1e6 porosity = 0.3 hydraulic_conductivity = 1e-5 /

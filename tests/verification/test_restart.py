@@ -31,7 +31,7 @@ def column(
     text = scene_text("terzaghi/scene_1d.nml", **{"spacing": "0.05", "end_time": "0.08"} | changes)
     text = text.replace("output_times = 4.905, 9.81, 19.62, 49.05", "output_interval = 0.02")
     text = text.replace("name = 'terzaghi_1d'", "name = 'box'\n  history_interval = 0.0004")
-    text = text.replace("dimension = 1", f"dimension = 1\n  integrator = '{integrator}'")
+    text = text.replace("integrator = 'explicit'", f"integrator = '{integrator}'")
     text = text.replace("value = 1000.0 /", f"value = 1000.0 {factors} /")
     if maximum_steps:
         text = text.replace("  end_time", f"  maximum_steps = {maximum_steps}\n  end_time", 1)

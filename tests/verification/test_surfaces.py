@@ -216,7 +216,7 @@ def test_what_a_scene_does_is_listed(dosui: Runner) -> None:
 
 
 LAYERS = """
-&scene dimension = 2 water = 'none' /
+&scene dimension = 2 water = 'none' integrator = 'explicit' /
 &grid spacing = 0.1 /
 &time end_time = 1 /
 &material name = 's' young_modulus = 1e6 /

@@ -17,7 +17,7 @@ contains
   end function cross
 
   pure subroutine clip_outline(direction, plane, inward, n, outline)
-    !! Keeps what of a polygon lies on one side of a plane or in it (Sutherland & Hodgman 1974).
+    !! Keeps what of a polygon lies on one side of a plane or in it [Sutherland1974].
     integer, intent(in) :: direction       !! component that is constant in the plane
     real(wp), intent(in) :: plane          !! its value there
     real(wp), intent(in) :: inward         !! 1: above, -1: below is kept

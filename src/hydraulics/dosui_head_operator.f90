@@ -18,7 +18,7 @@
 !! Where bodies shear or tear, a fit may put large negative entries on neighbours, and heads grow.
 !! Such a row leaves out those neighbours, the worst one first, as long as the others determine a
 !! fit: rows without negative entries cannot grow, and keep heads between their neighbours' (cf.
-!! Seibold 2008). If none is left the neighbours exchange water in pairs.
+!! [Seibold2008]). If none is left the neighbours exchange water in pairs.
 module dosui_head_operator
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim

@@ -1,8 +1,8 @@
 !! Moving least squares for the head: rows of the Laplacian and of the gradient at a particle.
 !!
 !! The compact (generalised finite difference) form fits h_j - h_i by a full quadratic in
-!! r = (x_j - x_i)/dx with Wendland C2 weights and reads second derivatives off the fit
-!! (Liszka & Orkisz 1980; flux rows as in Milewski 2012): no gradient is taken twice.
+!! r = (x_j - x_i)/dx with Wendland C2 weights [Wendland1995] and reads second derivatives off
+!! the fit ([Liszka1980]; flux rows as in [Milewski2012]): no gradient is taken twice.
 module dosui_mls
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim

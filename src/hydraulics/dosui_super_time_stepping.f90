@@ -1,5 +1,5 @@
 !! RKL2: s stages of a Runge-Kutta-Legendre scheme of second order for diffusion, stable up to
-!! dt = (s^2 + s - 2)/4 times the explicit limit (Meyer, Balsara & Aslam 2014).
+!! dt = (s^2 + s - 2)/4 times the explicit limit [Meyer2014].
 module dosui_super_time_stepping
   use dosui_kinds, only: wp
   implicit none
@@ -25,7 +25,7 @@ contains
   end function stages_needed
 
   pure function stage_coefficients(s) result(stages)
-    !! The s stages, eqs. 15-18 of Meyer et al. (2014).
+    !! The s stages, eqs. 15-18 of [Meyer2014].
     integer, intent(in) :: s
     type(stage_t) :: stages(s)
     real(wp) :: b(0:s), a(0:s), w1

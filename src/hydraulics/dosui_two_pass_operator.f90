@@ -1,9 +1,10 @@
 !! The literal MLS-SPH operator of the published one-set method: the Darcy flux from MLS-corrected
-!! SPH gradients of the head, then the SPH divergence of that flux with the same gradients.
+!! SPH gradients of the head [Randles1996], then the SPH divergence of that flux with the same
+!! gradients.
 !!
-!! Kept for comparison (docs/theory.md shows its measured limits): the antisymmetric stencil applied
-!! twice cannot see a checkerboard, and heads are set on the centres of surface particles. The
-!! wall-normal flux of particles next to a no-flow surface is removed.
+!! Kept for comparison (docs/theory/water.md shows its measured limits): the antisymmetric stencil
+!! applied twice cannot see a checkerboard, and heads are set on the centres of surface particles.
+!! The wall-normal flux of particles next to a no-flow surface is removed.
 module dosui_two_pass_operator
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim

@@ -1,10 +1,11 @@
 !! Equilibrium under the loads of the present time, without inertia: undrained, or at the pore
 !! pressures at hand.
 !!
-!! Conjugate gradients on the nodal displacements, with the nodal masses as preconditioner and the
-!! step's own kernels as operator: a trial motion changes stresses and pressures, and the change
-!! of the nodal accelerations is what the operator does to it. Conditions on nodes and rigid
-!! plates are projections in the mass norm and so commute with the preconditioner.
+!! Conjugate gradients [Hestenes1952] on the nodal displacements, with the nodal masses as
+!! preconditioner and the step's own kernels as operator: a trial motion changes stresses and
+!! pressures, and the change of the nodal accelerations is what the operator does to it. Conditions
+!! on nodes and rigid plates are projections in the mass norm and so commute with the
+!! preconditioner.
 !!
 !! Residuals are measured against what loads and stresses would do if nothing balanced them, never
 !! against their own first value: a body that is in equilibrium already has nothing to do.

@@ -38,7 +38,7 @@ contains
     !! Where pores empty or fill and surfaces switch, flows jump, and the pressures of saturated
     !! pores, which store next to nothing, with them: such an estimate is as large at any step. What
     !! lasts are errors of the water content. An estimate that is too large is therefore put through
-    !! the system once more, as what it stores (Hairer & Wanner 1996, IV.8), and at last for the
+    !! the system once more, as what it stores [HairerWanner1996, IV.8], and at last for the
     !! time of a first step: errors that die away within it do not count.
     type(implicit_system_t), intent(inout) :: system   !! as it was last built
     type(model_t), intent(inout) :: model

@@ -1,10 +1,10 @@
-!! Modified Cam-clay (Roscoe & Burland 1968): q^2/M^2 + p (p - p_c) <= 0, associated.
+!! Modified Cam-clay [Roscoe1968]: q^2/M^2 + p (p - p_c) <= 0, associated.
 !!
 !! p and p_c are compression positive here. Elastic stiffness K = v (p + p_a)/kappa, with a small
 !! p_a so that soil without stress keeps some; G follows from K at the start of a step and
 !! Poisson's ratio. Volumes are integrated exactly: p + p_a grows by exp(v/kappa de), p_c by
 !! exp(v/(lambda - kappa) de_p), v the specific volume at the step's start. Return mapping by
-!! Newton's iterations for the plastic volume strain and the multiplier (Borja & Lee 1990); where
+!! Newton's iterations for the plastic volume strain and the multiplier [Borja1990]; where
 !! these fail (soil with almost no p_c, increments that would multiply p), by bisection.
 module dosui_cam_clay
   use dosui_kinds, only: wp

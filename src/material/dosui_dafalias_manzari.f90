@@ -1,9 +1,10 @@
-!! The sand model of Dafalias & Manzari (2004): stress-ratio plasticity with a critical state,
-!! bounding and dilatancy surfaces, and a fabric tensor that dilation builds and reversals feel.
+!! The sand model of Dafalias & Manzari [Dafalias2004]: stress-ratio plasticity with a critical
+!! state, bounding and dilatancy surfaces, and a fabric tensor that dilation builds and reversals
+!! feel.
 !!
 !! In this module stresses and strains are compression positive and shear strains are tensor
 !! components. Within an increment, sub-steps of 2^-k of it keep the error of modified Euler's rule
-!! below a tolerance (Sloan et al. 2001); since sizes are powers of two, stresses are smooth
+!! below a tolerance [Sloan2001]; since sizes are powers of two, stresses are smooth
 !! functions of the increment but for rare jumps of the size of the error. An elastic part of a
 !! sub-step ends where it meets the yield surface. Afterwards the thin yield surface is put back
 !! around the stress (drift). The mean stress never falls below `smallest_pressure`; there the

@@ -6,11 +6,11 @@
 !! With s1 >= s2 >= s3, tension positive. Plastic flow of the shear planes follows the dilation
 !! angle, that of the cut-off is associated. Which planes are active is found by trying them: as
 !! elasticity and planes are linear, one solution has no negative multiplier and breaks no plane
-!! (Clausen et al. 2006 do the same with geometry). The likely ones come first. Cohesion and angles
+!! ([Clausen2006] do the same with geometry). The likely ones come first. Cohesion and angles
 !! follow the plastic shear strain at the start of the step. phi = 0 is Tresca's material.
 !!
 !! Soil without any tensile strength (cut-off at zero) that comes apart remembers by how much its
-!! volume has opened: it carries nothing before that has closed (Tampubolon2017). The opened
+!! volume has opened: it carries nothing before that has closed [Tampubolon2017]. The opened
 !! volume is a strain that the next elastic trial still has.
 module dosui_mohr_coulomb
   use dosui_kinds, only: wp

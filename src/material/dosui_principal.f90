@@ -140,7 +140,7 @@ contains
 
   pure function tangent_from_principal(trial, vector, value, derivative, elastic) result(tangent)
     !! Derivative of the stress with respect to the strain (twice the shear): the derivative of the
-    !! principal values, and the turning of their directions (de Souza Neto et al. 2008, app. A).
+    !! principal values, and the turning of their directions [deSouzaNeto2008, app. A].
     real(wp), intent(in) :: trial(3)                 !! principal trial stresses [Pa]
     real(wp), intent(in) :: vector(3, 3)             !! their directions
     real(wp), intent(in) :: value(3)                 !! principal stresses [Pa]

@@ -8,8 +8,8 @@
 !!     strain_p = C_c v + dev(L_p v - mean of L v)
 !!     f = - W C^T mean(sigma) - V L^T dev(sigma - mean)
 !!
-!! the second line being the adjoint of the first (cf. the mean-strain hexahedron of Flanagan &
-!! Belytschko 1981, whose hourglass modes the particles' deviations control here). W is the volume
+!! the second line being the adjoint of the first (cf. the mean-strain hexahedron of
+!! [Flanagan1981], whose hourglass modes the particles' deviations control here). W is the volume
 !! of the filled part of the cell, C the hats' gradient at its centroid. In small-strain scenes
 !! both come from the shapes of the regions. A part without particle joins the nearest cell that
 !! has one, and the mean strain of such a union is that of its parts, weighted with their volumes,

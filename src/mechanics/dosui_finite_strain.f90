@@ -1,5 +1,5 @@
 !! Kinematics of finite strains: deformation gradients, and the elastic logarithmic strains by which
-!! small-strain models serve for finite ones (Simo 1992; de Souza Neto et al. 2008, ch. 14).
+!! small-strain models serve for finite ones [Simo1992; deSouzaNeto2008, ch. 14].
 module dosui_finite_strain
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim, nsig, voigt_slot
@@ -104,7 +104,7 @@ contains
 
   pure subroutine elastic_trial(step, elastic, trial, value, axes)
     !! Elastic logarithmic strain after a step without plastic flow, 1/2 ln(f exp(2 e) f^T): with
-    !! b = exp(2 e) the elastic left Cauchy-Green tensor (Simo 1992). Shear components are single.
+    !! b = exp(2 e) the elastic left Cauchy-Green tensor [Simo1992]. Shear components are single.
     real(wp), intent(in) :: step(ndim, ndim)     !! f = F_new F_old^-1 [-]
     real(wp), intent(in) :: elastic(nsig)        !! e at the step's start [-]
     real(wp), intent(out) :: trial(nsig)         !! [-]

@@ -6,8 +6,8 @@
 !! fit through well-posed nodes k around them, u_j = sum E_jk u_k. Sums over k of E_jk are 1, of
 !! E_jk x_k x_j: linear fields, hence rigid motions and uniform strains, are reproduced. Sources
 !! come by whole shells of equal distance until they span all directions, so there are no ties to
-!! break; they are connected with j through filled cells. Aggregated unfitted elements (Badia,
-!! Verdugo & Martin 2018) with the averaged extension of Burman, Hansbo & Larson (2022).
+!! break; they are connected with j through filled cells. Aggregated unfitted elements [Badia2018]
+!! with the averaged extension of [Burman2022].
 !!
 !! Cells, particles and kernels know nothing of it. What others do:
 !!

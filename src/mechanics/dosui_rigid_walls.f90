@@ -1,7 +1,7 @@
 !! Rigid walls outside all bodies: what meets them slides with friction, and leaves freely.
 !!
-!! A wall acts on the velocities of the nodes at or behind its plane, as the contact of Bardenhagen,
-!! Brackbill & Sulsky (2000) with a body that does not move: only what approaches is stopped, and
+!! A wall acts on the velocities of the nodes at or behind its plane, as the contact of
+!! [Bardenhagen2000] with a body that does not move: only what approaches is stopped, and
 !! friction takes no more than the coefficient times the momentum that the wall took along its
 !! normal.
 module dosui_rigid_walls

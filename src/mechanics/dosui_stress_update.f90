@@ -21,7 +21,7 @@ contains
     !! particle's cell (B-bar), in equal parts over the scene's directions, so that plane and
     !! uniaxial strain stay what they are. cell_shift is added before that. With spin (updated
     !! mode) stresses, and tensors among the state variables, first turn with the material: the
-    !! Jaumann rate, integrated so that rotations keep invariants exactly (Hughes & Winget 1980).
+    !! Jaumann rate, integrated so that rotations keep invariants exactly [HughesWinget1980].
     type(material_set_t), intent(in) :: materials
     integer, intent(in) :: n
     integer, intent(in) :: material(n)                      !! index in the set

@@ -6,7 +6,7 @@
 !! node has m / a = rho h / 2, and nodes below `light_node` rho h are dropped.
 !!
 !! A penalty wall is a spring kappa = penalty * modulus / h with a dashpot on the displacement of
-!! the surface point against the wall (Belytschko & Neal 1991 for the explicit penalty method).
+!! the surface point against the wall ([Belytschko1991] for the explicit penalty method).
 !! Its displacement error is stress / kappa, first order in h. Where facets stand for a smooth
 !! surface, walls hold its normals: facets lean, and held one by one they hold all motion.
 module dosui_surface_forces
@@ -420,7 +420,7 @@ contains
     !! - sum a sym((v - v_wall) x n), to be divided by the cell's measure [m3/s]. The penalty then
     !! only has to keep the wall in place; the wall's reaction is that of the stress (`react`, the
     !! adjoint), which makes the condition consistent (Nitsche's method in the lifted form of
-    !! Brezzi et al. 2000).
+    !! [Brezzi2000]).
     class(surface_forces_t), intent(in) :: self
     type(mechanical_condition_t), intent(in) :: conditions(:)
     real(wp), intent(in) :: time                               !! [s]

@@ -39,8 +39,8 @@ module dosui_shape_functions
 contains
 
   pure function corner_hats(local) result(weight)
-    !! Hats of a cell's corners, x fastest.
-    real(wp), intent(in) :: local(ndim)   !! coordinates in the cell, 0 to 1
+    !! Hats of a cell's corners, x fastest [-].
+    real(wp), intent(in) :: local(ndim)   !! coordinates in the cell, 0 to 1 [-]
     real(wp) :: weight(2**ndim)
     integer :: corner, d
 

@@ -56,6 +56,7 @@ contains
     real(wp), intent(in) :: cell_mean(:)    !! P rate [1/s]
     real(wp), intent(in) :: block_mean(:)   !! P_2 rate [1/s]
     real(wp), intent(inout) :: rate(n)
+    !! of water content [1/s] on entry, of pressure [Pa/s] on return
     integer :: p, c, b, here
     real(wp) :: smooth, fine
 

@@ -9,14 +9,14 @@ module dosui_super_time_stepping
 
   type, public :: stage_t
     !! Y_j = mu Y_(j-1) + nu Y_(j-2) + (1 - mu - nu) Y_0 + dt (mu_t M(Y_(j-1)) + gamma_t M(Y_0)).
-    real(wp) :: mu = 0.0_wp, nu = 0.0_wp, mu_t = 0.0_wp, gamma_t = 0.0_wp
+    real(wp) :: mu = 0.0_wp, nu = 0.0_wp, mu_t = 0.0_wp, gamma_t = 0.0_wp   !! [-]
   end type stage_t
 
 contains
 
   pure integer function stages_needed(ratio) result(s)
     !! Smallest odd number of stages that is stable for dt = ratio x explicit limit.
-    real(wp), intent(in) :: ratio
+    real(wp), intent(in) :: ratio   !! dt over the explicit limit [-]
 
     s = 3
     do while (0.25_wp*real(s*s + s - 2, wp) < ratio)

@@ -41,6 +41,7 @@ contains
     integer, intent(in) :: row_start(:), neighbour(:)
     real(wp), intent(in) :: spacing, radius                    !! dx [m], R/dx [-]
     real(wp), intent(in) :: point_position(:, :), point_normal(:, :)
+    !! of surface points [m], outward [-]
     integer, intent(in) :: point_patch(:)
     logical, intent(in) :: point_is_head(:)
     integer, intent(in) :: point_start(:), point_neighbour(:)  !! surface points near each row
@@ -121,7 +122,7 @@ contains
     class(two_pass_operator_t), intent(in) :: self
     real(wp), intent(in) :: head(:)            !! [m]
     real(wp), intent(in) :: datum(:)           !! of surface points [m/s]
-    real(wp), intent(inout) :: flux(:, :)      !! (ndim, >= n_row)
+    real(wp), intent(inout) :: flux(:, :)      !! (ndim, >= n_row) [m/s]
     integer :: i, k
 
     do i = 1, self%n_row
@@ -142,7 +143,7 @@ contains
     !! Kernel: -div w of owned particles [1/s]; 0 where the head is held.
     class(two_pass_operator_t), intent(in) :: self
     real(wp), intent(in) :: flux(:, :)         !! of owned and ghost particles [m/s]
-    real(wp), intent(inout) :: rate(:)
+    real(wp), intent(inout) :: rate(:)   !! (>= n_row) [1/s]
     integer :: i, k
 
     do i = 1, self%n_row

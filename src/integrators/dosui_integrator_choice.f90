@@ -23,9 +23,9 @@ module dosui_integrator_choice
   type, public :: integrator_choice_t
     character(len=name_length) :: name = 'explicit'
     character(len=:), allocatable :: reason
-    real(wp) :: explicit_steps = 0.0_wp        !! estimates for the whole run
-    real(wp) :: semi_implicit_steps = 0.0_wp
-    real(wp) :: quasi_static_steps = 0.0_wp    !! 0: not possible in this scene
+    real(wp) :: explicit_steps = 0.0_wp        !! estimates for the whole run [-]
+    real(wp) :: semi_implicit_steps = 0.0_wp   !! [-]
+    real(wp) :: quasi_static_steps = 0.0_wp    !! 0: not possible in this scene [-]
   contains
     procedure :: describe => choice_describe
     procedure :: describe_others => choice_describe_others

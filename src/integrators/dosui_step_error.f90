@@ -45,7 +45,7 @@ contains
     real(wp), intent(in) :: a                        !! weight of the flow in the system [s]
     real(wp), intent(in) :: content(:)               !! error of the water content [m3]
     real(wp), intent(in) :: start(:), pressure(:)    !! at t_n, and its increment [Pa]
-    real(wp), intent(out) :: error_norm
+    real(wp), intent(out) :: error_norm   !! over the allowed error [-]
     type(error_t), intent(inout) :: err
     real(wp), allocatable :: motion(:, :), error_pressure(:), supply(:), excess(:)
     real(wp) :: allowed, first
@@ -122,9 +122,9 @@ contains
   end subroutine stored_water
 
   real(wp) function root_mean_square(model, values) result(norm)
-    !! Weighted by volume, over all ranks.
+    !! Weighted by volume, over all ranks [unit of the values].
     type(model_t), intent(in) :: model
-    real(wp), intent(in) :: values(:)   !! of the particles
+    real(wp), intent(in) :: values(:)   !! of the particles [any unit]
     real(wp) :: sums(2)
 
     sums = [sum(model%weight*values**2), sum(model%weight)]

@@ -17,7 +17,7 @@ module dosui_scene
   type, public :: table_t
     !! A function of time: linear between entries, constant before the first and after the last.
     real(wp), allocatable :: time(:)    !! strictly increasing [s]
-    real(wp), allocatable :: value(:)   !! same length, unit of the quantity
+    real(wp), allocatable :: value(:)   !! same length [unit of the quantity]
   contains
     procedure :: at => table_at
     procedure :: integral => table_integral
@@ -183,7 +183,7 @@ module dosui_scene
     !! A half-space that bodies do not enter.
     character(len=name_length) :: name = ''
     real(wp) :: position(ndim) = 0.0_wp              !! a point of its plane [m]
-    real(wp) :: normal(ndim) = 0.0_wp                !! from the wall to the bodies, any length
+    real(wp) :: normal(ndim) = 0.0_wp                !! from the wall to the bodies, any length [-]
     character(len=name_length) :: kind = 'frictional'   !! or 'rough'
     real(wp) :: friction = 0.0_wp                    !! coefficient [-]
   contains
@@ -290,7 +290,7 @@ module dosui_scene
     character(len=:), allocatable :: directory       !! default: working directory
     real(wp) :: history_interval = 0.0_wp            !! [s]; 0: every step, explicit 1000 in all
     integer(i8) :: checkpoint_steps = 0_i8           !! 0: off
-    real(wp) :: checkpoint_minutes = 0.0_wp          !! 0: off
+    real(wp) :: checkpoint_minutes = 0.0_wp          !! 0: off [min]
     logical :: checkpoint_at_outputs = .false.       !! one each, all of them kept
     real(wp) :: progress_seconds = 5.0_wp            !! wall time between progress lines [s]
   end type output_t
@@ -324,7 +324,7 @@ module dosui_scene
     character(len=name_length) :: shape_function = 'auto'
     !! 'linear', 'gimp', 'bspline' or 'auto': see `shape_function_in_force`
     real(wp) :: domain_min(ndim) = -huge(1.0_wp)     !! particles outside have left [m]
-    real(wp) :: domain_max(ndim) = huge(1.0_wp)
+    real(wp) :: domain_max(ndim) = huge(1.0_wp)      !! likewise [m]
     real(wp) :: local_origin(ndim) = 0.0_wp
     !! what coordinates of scene and model count from: 0 unless the bodies are far away; places in
     !! files, formulas and messages add it [m]
@@ -367,7 +367,7 @@ contains
   end subroutine pattern_prepare
 
   pure real(wp) function pattern_at(self, time, position) result(factor)
-    !! The factor on a value at a time and a place.
+    !! The factor on a value at a time and a place [-].
     class(pattern_t), intent(in) :: self
     real(wp), intent(in) :: time             !! [s]
     real(wp), intent(in) :: position(ndim)   !! [m]
@@ -478,7 +478,8 @@ contains
   end function hydraulic_condition_may_switch
 
   pure real(wp) function hydraulic_condition_value_at(self, time, position) result(value)
-    !! What it prescribes at a time and a place; heads and levels as the model counts them.
+    !! What it prescribes at a time and a place; heads and levels as the model counts them
+    !! [m, Pa or m/s, by its kind].
     class(hydraulic_condition_t), intent(in) :: self
     real(wp), intent(in) :: time             !! [s]
     real(wp), intent(in) :: position(ndim)   !! [m]
@@ -487,7 +488,7 @@ contains
   end function hydraulic_condition_value_at
 
   pure real(wp) function hydraulic_condition_uniform_value_at(self, time) result(value)
-    !! Likewise where no formula varies it in space.
+    !! Likewise where no formula varies it in space [m, Pa or m/s, by its kind].
     class(hydraulic_condition_t), intent(in) :: self
     real(wp), intent(in) :: time   !! [s]
 
@@ -495,7 +496,8 @@ contains
   end function hydraulic_condition_uniform_value_at
 
   pure real(wp) function table_at(self, time) result(value)
-    !! Value of the table at a time; 1 for an empty table, so that it can be a factor.
+    !! Value of the table at a time; 1 for an empty table, so that it can be a factor
+    !! [unit of the quantity].
     class(table_t), intent(in) :: self
     real(wp), intent(in) :: time   !! [s]
     integer :: k, n

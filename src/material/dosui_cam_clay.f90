@@ -88,7 +88,7 @@ contains
     class(cam_clay_t), intent(in) :: self
     real(wp), intent(in) :: porosity          !! [-]
     real(wp), intent(in) :: stress(nsig)      !! effective, tension positive [Pa]
-    real(wp), intent(inout) :: state(:)
+    real(wp), intent(inout) :: state(:)   !! [units of `state_units`]
     real(wp) :: mean, deviator(nsig), length, p
 
     call deviator_of(stress, mean, deviator, length)
@@ -109,11 +109,11 @@ contains
     !! point as it is, where pores close or stresses grow without end.
     class(cam_clay_t), intent(in) :: self
     integer, intent(in) :: n
-    real(wp), intent(in) :: strain_increment(nsig, n)
-    real(wp), intent(inout) :: stress(nsig, n)
-    real(wp), intent(inout) :: state(:, :)
+    real(wp), intent(in) :: strain_increment(nsig, n)   !! tension positive, 2 x shear [-]
+    real(wp), intent(inout) :: stress(nsig, n)   !! effective, tension positive [Pa]
+    real(wp), intent(inout) :: state(:, :)   !! (n_state, n) [units of `state_units`]
     type(error_t), intent(inout) :: err
-    real(wp), intent(out), optional :: tangent(nsig, nsig, n)
+    real(wp), intent(out), optional :: tangent(nsig, nsig, n)   !! for 2 x shear [Pa]
     type(point_t) :: point
     type(return_t) :: to
     real(wp) :: deviator(nsig), length, ratio, volume
@@ -390,9 +390,9 @@ contains
   subroutine cam_clay_tangent(self, stress, state, tangent)
     !! The elastic matrix at a stress.
     class(cam_clay_t), intent(in) :: self
-    real(wp), intent(in) :: stress(nsig)
-    real(wp), intent(in) :: state(:)
-    real(wp), intent(out) :: tangent(nsig, nsig)
+    real(wp), intent(in) :: stress(nsig)   !! effective, tension positive [Pa]
+    real(wp), intent(in) :: state(:)   !! [units of `state_units`]
+    real(wp), intent(out) :: tangent(nsig, nsig)   !! for 2 x shear [Pa]
     real(wp) :: bulk, shear
 
     bulk = state(specific_volume)/self%swelling*(self%least_pressure + &

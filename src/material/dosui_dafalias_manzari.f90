@@ -115,7 +115,7 @@ contains
     class(dafalias_manzari_t), intent(in) :: self
     real(wp), intent(in) :: porosity          !! [-]
     real(wp), intent(in) :: stress(nsig)      !! effective, tension positive [Pa]
-    real(wp), intent(inout) :: state(:)
+    real(wp), intent(inout) :: state(:)   !! [units of `state_units`]
     real(wp) :: r(nsig), p, length, bound
 
     state(void_ratio) = porosity/(1.0_wp - porosity)
@@ -137,11 +137,11 @@ contains
     !! close and for increments far beyond small strains.
     class(dafalias_manzari_t), intent(in) :: self
     integer, intent(in) :: n
-    real(wp), intent(in) :: strain_increment(nsig, n)
-    real(wp), intent(inout) :: stress(nsig, n)
-    real(wp), intent(inout) :: state(:, :)
+    real(wp), intent(in) :: strain_increment(nsig, n)   !! tension positive, 2 x shear [-]
+    real(wp), intent(inout) :: stress(nsig, n)   !! effective, tension positive [Pa]
+    real(wp), intent(inout) :: state(:, :)   !! (n_state, n) [units of `state_units`]
     type(error_t), intent(inout) :: err
-    real(wp), intent(out), optional :: tangent(nsig, nsig, n)
+    real(wp), intent(out), optional :: tangent(nsig, nsig, n)   !! for 2 x shear [Pa]
     type(point_t) :: before, point
     type(plan_t) :: plan
     real(wp) :: strain(nsig), volume
@@ -640,9 +640,9 @@ contains
   subroutine dafalias_manzari_tangent(self, stress, state, tangent)
     !! The elastic matrix at a stress.
     class(dafalias_manzari_t), intent(in) :: self
-    real(wp), intent(in) :: stress(nsig)
-    real(wp), intent(in) :: state(:)
-    real(wp), intent(out) :: tangent(nsig, nsig)
+    real(wp), intent(in) :: stress(nsig)   !! effective, tension positive [Pa]
+    real(wp), intent(in) :: state(:)   !! [units of `state_units`]
+    real(wp), intent(out) :: tangent(nsig, nsig)   !! for 2 x shear [Pa]
     real(wp) :: p, r(nsig), bulk, shear
 
     call split(self, -stress, p, r)

@@ -78,11 +78,11 @@ contains
     !! Stresses after strain increments, and their consistent tangents. Numbers cannot fail.
     class(drucker_prager_t), intent(in) :: self
     integer, intent(in) :: n
-    real(wp), intent(in) :: strain_increment(nsig, n)
-    real(wp), intent(inout) :: stress(nsig, n)
-    real(wp), intent(inout) :: state(:, :)
+    real(wp), intent(in) :: strain_increment(nsig, n)   !! tension positive, 2 x shear [-]
+    real(wp), intent(inout) :: stress(nsig, n)   !! effective, tension positive [Pa]
+    real(wp), intent(inout) :: state(:, :)   !! (n_state, n) [units of `state_units`]
     type(error_t), intent(inout) :: err
-    real(wp), intent(out), optional :: tangent(nsig, nsig, n)
+    real(wp), intent(out), optional :: tangent(nsig, nsig, n)   !! for 2 x shear [Pa]
     real(wp) :: elastic(nsig, nsig), deviator(nsig), trial_mean, trial_length, mean, length
     real(wp) :: of_mean(2), of_length(2), bulk, multiplier, new(nsig)
     integer :: p

@@ -345,10 +345,10 @@ contains
 
   pure subroutine hat_gradients(centroid, covariance, spacing, gradient)
     !! Mean gradients of the corner hats over a part of a cell, x fastest [1/m].
-    real(wp), intent(in) :: centroid(ndim)   !! local coordinates, 0 to 1 in the cell
-    real(wp), intent(in) :: covariance(ndim)   !! of the other two coordinates, 3-D only
+    real(wp), intent(in) :: centroid(ndim)   !! local coordinates, 0 to 1 in the cell [-]
+    real(wp), intent(in) :: covariance(ndim)   !! of the other two coordinates, 3-D only [-]
     real(wp), intent(in) :: spacing          !! [m]
-    real(wp), intent(out) :: gradient(ndim, 2**ndim)
+    real(wp), intent(out) :: gradient(ndim, 2**ndim)   !! [1/m]
     real(wp) :: factor
     integer :: corner, d, e, f
 

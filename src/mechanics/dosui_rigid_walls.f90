@@ -88,7 +88,7 @@ contains
     !! along its plane if there is friction.
     type(rigid_wall_t), intent(in) :: walls(:)
     type(grid_t), intent(in) :: grid
-    real(wp), intent(inout) :: motion(ndim, grid%n_node)
+    real(wp), intent(inout) :: motion(ndim, grid%n_node)   !! [m or any unit of a motion]
     real(wp) :: normal(ndim)
     integer :: i, k
 

@@ -27,7 +27,8 @@ contains
     integer, intent(in) :: material(n)                      !! index in the set
     real(wp), intent(in) :: strain_increment(nsig, n)       !! tension positive, 2 x shear [-]
     real(wp), intent(inout) :: stress(nsig, n)              !! effective, tension positive [Pa]
-    real(wp), intent(inout) :: state(:, :)                  !! (n_state, n) of the materials
+    real(wp), intent(inout) :: state(:, :)
+    !! (n_state, n) of the materials [units of `state_units`]
     type(error_t), intent(inout) :: err
     integer, intent(in), optional :: cell(n)
     real(wp), intent(in), optional :: cell_volume_strain(:) !! (n_cell) mean of the increments [-]

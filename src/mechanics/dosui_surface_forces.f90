@@ -277,8 +277,8 @@ contains
     !! A nodal field at the surface points, by the weights that forces are spread with. Points
     !! without a cell get 0.
     class(surface_forces_t), intent(in) :: self
-    real(wp), intent(in) :: nodal(:)                  !! (n_node)
-    real(wp), intent(out) :: values(self%n_point)
+    real(wp), intent(in) :: nodal(:)                  !! (n_node) [any unit]
+    real(wp), intent(out) :: values(self%n_point)   !! [unit of the nodal field]
     integer :: i, k, p
 
     values = 0.0_wp
@@ -428,7 +428,7 @@ contains
     real(wp), intent(in) :: area(self%n_point)                 !! [m2]
     real(wp), intent(in) :: normal(ndim, self%n_point)         !! outward [-]
     real(wp), intent(in) :: nodal_velocity(:, :)               !! (ndim, n_node) [m/s]
-    real(wp), intent(inout) :: lift(:, :)                      !! (nsig, n_cell), 2 x shear
+    real(wp), intent(inout) :: lift(:, :)                      !! (nsig, n_cell), 2 x shear [m3/s]
     real(wp) :: slip(ndim)
     integer :: e, p, c, a, b, k, cell
 
@@ -462,7 +462,7 @@ contains
     type(mechanical_condition_t), intent(in) :: conditions(:)
     real(wp), intent(in) :: area(self%n_point)             !! [m2]
     real(wp), intent(in) :: normal(ndim, self%n_point)     !! outward [-]
-    real(wp), intent(inout) :: lift(:, :)                  !! (nsig*ndim*2**ndim, n_cell)
+    real(wp), intent(inout) :: lift(:, :)                  !! (nsig*ndim*2**ndim, n_cell) [m2]
     real(wp) :: slip(ndim)
     integer :: e, p, c, a, b, d, i, k, cell, place
 

@@ -50,7 +50,7 @@ contains
     !! Kernel: adds the bits of numbers.
     class(checksum_t), intent(inout) :: self
     integer, intent(in) :: n
-    real(wp), intent(in) :: numbers(n)
+    real(wp), intent(in) :: numbers(n)   !! [any unit]
     integer(i8) :: state
     integer :: k
 

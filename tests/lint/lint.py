@@ -1,11 +1,16 @@
 #!/usr/bin/env python3
 """Rules of the house that a machine can check.
 
-lint.py [rooms] [sources] [fprettify] [fortitude] [ruff]      without arguments: all
+lint.py [CHECK ...]      without arguments: all
 
-rooms      which room of src/ may use which (docs/developer/design.md), and foreign modules
-sources    lines, names, `only`, `private`, no stop and no preprocessor
-fprettify  layout; fortitude: Fortran linter; ruff: Python linter and layout
+rooms       which room of src/ may use which (docs/developer/design.md), and foreign modules
+sources     lines, names, `only`, `private`, no stop and no preprocessor
+units       every real that a room shows to others has its unit (docstrings.py)
+references  keys of docs/refs.bib are cited, cited keys are defined (documents.py)
+links       relative links of pages lead to files and headings
+contents    tables of contents are equal to the headings
+widths      lines and cells of pages
+fprettify   layout; fortitude: Fortran linter; ruff: Python linter and layout
 """
 
 from __future__ import annotations
@@ -14,6 +19,9 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+
+import documents
+from docstrings import check_units
 
 ROOT = Path(__file__).resolve().parents[2]
 LINE_LENGTH = 100
@@ -165,6 +173,11 @@ def check_ruff() -> list[str]:
 CHECKS = {
     "rooms": check_rooms,
     "sources": check_sources,
+    "units": lambda: check_units(ROOT),
+    "references": lambda: documents.check_references(ROOT),
+    "links": lambda: documents.check_links(ROOT),
+    "contents": lambda: documents.check_contents(ROOT),
+    "widths": lambda: documents.check_widths(ROOT),
     "fprettify": check_fprettify,
     "fortitude": check_fortitude,
     "ruff": check_ruff,

@@ -10,11 +10,13 @@ references  keys of docs/refs.bib are cited, cited keys are defined (documents.p
 links       relative links of pages lead to files and headings
 contents    tables of contents are equal to the headings
 widths      lines and cells of pages
+site        the pages of docs/ as a site (mkdocs.yml, docs/site), without warnings
 fprettify   layout; fortitude: Fortran linter; ruff: Python linter and layout
 """
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
@@ -147,7 +149,10 @@ def tool(*command: str) -> tuple[int, str]:
     program = Path(sys.executable).parent / command[0]
     if not program.exists():
         return 1, f"{command[0]} is not installed beside {sys.executable}"
-    done = subprocess.run([program, *command[1:]], capture_output=True, text=True, cwd=ROOT)
+    environment = os.environ | {"NO_MKDOCS_2_WARNING": "1"}
+    done = subprocess.run(
+        [program, *command[1:]], capture_output=True, text=True, cwd=ROOT, env=environment
+    )
     return done.returncode, (done.stdout + done.stderr).strip()
 
 
@@ -164,10 +169,17 @@ def check_fortitude() -> list[str]:
 
 
 def check_ruff() -> list[str]:
-    folders = [name for name in ("postprocess", "tests") if (ROOT / name).is_dir()]
+    folders = [name for name in ("docs", "postprocess", "tests") if (ROOT / name).is_dir()]
     checks = tool("ruff", "check", "--no-cache", "--output-format", "concise", *folders)
     layout = tool("ruff", "format", "--no-cache", "--diff", *folders)
     return [output for status, output in (checks, layout) if status]
+
+
+def check_site() -> list[str]:
+    status, output = tool(
+        "mkdocs", "build", "--strict", "--quiet", "--site-dir", "build/site-check"
+    )
+    return [output] if status or output else []
 
 
 CHECKS = {
@@ -178,6 +190,7 @@ CHECKS = {
     "links": lambda: documents.check_links(ROOT),
     "contents": lambda: documents.check_contents(ROOT),
     "widths": lambda: documents.check_widths(ROOT),
+    "site": check_site,
     "fprettify": check_fprettify,
     "fortitude": check_fortitude,
     "ruff": check_ruff,

@@ -204,7 +204,8 @@ module dosui_scene
   type, public :: mechanical_condition_t
     character(len=name_length) :: surface = ''
     character(len=name_length) :: kind = ''
-    !! 'roller', 'fixed', 'velocity', 'traction', 'pressure', 'reservoir', 'absorbing' or 'plate'
+    !! 'roller', 'fixed', 'velocity', 'normal_velocity', 'traction', 'pressure', 'reservoir',
+    !! 'absorbing' or 'plate'
     character(len=name_length) :: imposition = 'auto'   !! 'nodes', 'penalty' or 'auto'
     real(wp) :: value(ndim) = 0.0_wp
     !! velocity [m/s]; traction [Pa]; pressure: first component, positive into the body [Pa];
@@ -298,7 +299,7 @@ module dosui_scene
   type, public :: verification_t
     !! Exact solution that the postprocessing compares with, and what it needs beside the scene.
     character(len=name_length) :: case = ''
-    !! '', 'terzaghi', 'mandel', 'hydrostatic', 'bar' or 'drainage'
+    !! '', 'terzaghi', 'mandel', 'cryer', 'de_leeuw', 'hydrostatic', 'bar' or 'drainage'
     real(wp) :: load = 0.0_wp                        !! q [Pa] or F [N/m]
     real(wp) :: length = 0.0_wp                      !! drainage length H or half width a [m]
     real(wp) :: drained(ndim) = 0.0_wp               !! a point of the drained surface [m]
@@ -322,7 +323,7 @@ module dosui_scene
     real(wp) :: grid_origin(ndim) = 0.0_wp           !! a node of the grid [m]
     real(wp) :: grid_period(ndim) = 0.0_wp           !! the grid repeats after it; 0: never [m]
     character(len=name_length) :: shape_function = 'auto'
-    !! 'linear', 'gimp', 'bspline' or 'auto': see `shape_function_in_force`
+    !! 'linear', 'gimp', 'cpgimp', 'bspline' or 'auto': see `shape_function_in_force`
     real(wp) :: domain_min(ndim) = -huge(1.0_wp)     !! particles outside have left [m]
     real(wp) :: domain_max(ndim) = huge(1.0_wp)      !! likewise [m]
     real(wp) :: local_origin(ndim) = 0.0_wp
@@ -381,7 +382,7 @@ contains
   pure function scene_shape_function_in_force(self) result(name)
     !! The shape function, 'auto' resolved: particles that cross cells need a smooth one.
     class(scene_t), intent(in) :: self
-    character(len=name_length) :: name   !! 'linear', 'gimp' or 'bspline'
+    character(len=name_length) :: name   !! 'linear', 'gimp', 'cpgimp' or 'bspline'
 
     name = self%shape_function
     if (name == 'auto') name = merge('gimp  ', 'linear', self%deformation == 'updated')

@@ -23,5 +23,6 @@ if [ "${1:-}" != pages ]; then
     echo "FORD warns: build/ford.log" >&2
     exit 1
   fi
+  "$DOSUI_VENV/bin/python" docs/site/finish_api.py build/site/api
 fi
 dosui_say "build/site/index.html"

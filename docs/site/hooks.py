@@ -24,6 +24,7 @@ from mkdocs.structure.pages import Page
 
 log = logging.getLogger("mkdocs.hooks.dosui")
 ROOT = Path(__file__).resolve().parents[2]
+SEARCH_SHIM = "assets/javascripts/iframe-worker.js"
 LINK = re.compile(r'(?<=\]\()([^()\s#:]+)(?=[#)])|(?<=src=")([^":]+)(?=")')
 STYLED = re.compile(r'<(mi|mn) mathvariant="(bold|sans-serif|bold-italic)">(.*?)</\1>')
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.S)
@@ -60,6 +61,7 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
     for item in config.nav:
         if isinstance(item, dict) and "Scenes" in item:
             item["Scenes"] = pages
+    config.extra["polyfills"] = [SEARCH_SHIM]  # in place of one from the network
     return config
 
 
@@ -71,6 +73,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         else:
             file = File.generated(config, place, abs_src_path=str(ROOT / origin))
         files.append(file)
+    shim = Path(__file__).with_name("iframe-worker.js")
+    files.append(File.generated(config, SEARCH_SHIM, abs_src_path=str(shim)))
     return files
 
 

@@ -27,7 +27,7 @@ def escaped(text: str) -> str:
         parts = [text.replace("`", "'")]
     for k in range(0, len(parts), 2):
         plain = html.escape(parts[k], quote=False)
-        parts[k] = re.sub(r"([\\*_\[\]|$#])", r"\\\1", plain)
+        parts[k] = re.sub(r"([\\*_|$#])", r"\\\1", plain).replace("[[", "[ [")
     return re.sub(r"^(\s*[\w-]+):", r"\1&#58;", "`".join(parts))
 
 

@@ -31,7 +31,8 @@ Only what a scene needs: an option that is off must cost nothing, and one that i
 price.
 
 Measured on {date} with {version}; one rank, about {particles} particles.
-Every option is measured against the scene that is alike but for it, in turns; the table holds differences of medians of
+Every option is measured against the scene that is alike but for it, in turns; the table holds
+differences of medians of
 {runs} runs, per particle and step. **Noise** is the largest difference between two runs of the
 same scene: {noise:.0f} ns. *Off* writes the option's keys with their neutral value.
 

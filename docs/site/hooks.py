@@ -45,6 +45,14 @@ def places() -> dict[str, str]:
     return found
 
 
+def groups() -> list[str]:
+    """Pages of docs/namelist: first the list, then what it lists, then any others."""
+    folder = ROOT / "docs/namelist"
+    listed = re.findall(r"\]\((\w+\.md)\)", (folder / "README.md").read_text())
+    names = ["README.md", *listed, *sorted(path.name for path in folder.glob("*.md"))]
+    return list(dict.fromkeys(names))
+
+
 def scenes(found: dict[str, str]) -> str:
     """The page that lists the scenes."""
     text = "# Scenes\n\nThe scenes that come with dosui, in the folder `input`.\n\n"
@@ -56,11 +64,14 @@ def scenes(found: dict[str, str]) -> str:
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
-    """Every scene in the navigation, behind the page that lists them."""
-    pages = [place for place in places().values() if place.startswith("scenes/")]
+    """Every scene and every group of keys in the navigation, as the pages list them."""
+    generated = {
+        "Scenes": [place for place in places().values() if place.startswith("scenes/")],
+        "Keys": [f"namelist/{name}" for name in groups()],
+    }
     for item in config.nav:
-        if isinstance(item, dict) and "Scenes" in item:
-            item["Scenes"] = pages
+        if isinstance(item, dict):
+            item.update({title: generated[title] for title in item if title in generated})
     config.extra["polyfills"] = [SEARCH_SHIM]  # in place of one from the network
     return config
 

@@ -13,7 +13,7 @@ export NO_MKDOCS_2_WARNING=1
 if [ "${1:-}" != pages ]; then export DOSUI_SITE_API=1; fi
 
 dosui_say "pages of docs/"
-"$DOSUI_VENV/bin/mkdocs" build --strict --quiet
+"$DOSUI_VENV/bin/mkdocs" build --strict   # with --quiet it would not see warnings
 if [ "${1:-}" != pages ]; then
   dosui_say "pages of src/"
   rm -rf build/api-sources

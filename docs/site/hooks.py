@@ -145,12 +145,13 @@ def on_page_content(text: str, *, page: Page, **_: Any) -> str:
 def styled(match: re.Match[str]) -> str:
     """A letter of another style as a character of its own: browsers know no other way."""
     kind, style, letter = match.groups()
-    words = unicodedata.name(html.unescape(letter), "").replace("LETTER ", "").split()
-    name = " ".join(["MATHEMATICAL", style.replace("bold-", "bold ").upper(), *words[1:]])
+    name = unicodedata.name(html.unescape(letter), "")
+    name = re.sub(r"^(?:LATIN|GREEK) (\w+) LETTER", r"\1", name)
+    name = f"MATHEMATICAL {style.replace('-i', ' i').upper()} {name}"
     try:
         letter = unicodedata.lookup(name)
     except KeyError:
-        log.warning("no %s", name)
+        log.warning("there is no character %s", name)
     return f"<{kind}>{letter}</{kind}>"
 
 

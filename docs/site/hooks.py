@@ -26,6 +26,7 @@ log = logging.getLogger("mkdocs.hooks.dosui")
 ROOT = Path(__file__).resolve().parents[2]
 SEARCH_SHIM = "assets/javascripts/iframe-worker.js"
 LINK = re.compile(r'(?<=\]\()([^()\s#:]+)(?=[#)])|(?<=src=")([^":]+)(?=")')
+ROW = "display: flex; align-items: center; gap: 2em; padding: 0.6em 0; overflow: auto hidden"
 STYLED = re.compile(r'<(mi|mn) mathvariant="(bold|sans-serif|bold-italic)">(.*?)</\1>')
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.S)
 
@@ -133,8 +134,7 @@ def on_page_content(text: str, *, page: Page, **_: Any) -> str:
         if kind == "span":
             return f'<span class="formula">{mathml}</span>'
         behind = f"<span>({number.group(1)})</span>" if number else ""
-        row = "display: flex; align-items: center; gap: 2em; overflow-x: auto"
-        return f'<div class="formula" style="{row}">{mathml}{behind}</div>'
+        return f'<div class="formula" style="{ROW}">{mathml}{behind}</div>'
 
     text = FORMULA.sub(formula, text)
     if "$" in re.sub(r"<(code|math)\b.*?</\1>", "", text, flags=re.S):

@@ -165,3 +165,40 @@ def check_units(root: Path) -> list[str]:
     for path in sorted((root / "src").glob("*/*.f90")):
         problems += [f"{path}:{line}: {what}" for line, what in missing_units(path.read_text())]
     return problems
+
+
+def choices_of_keys(text: str) -> dict[str, list[set[str]]]:
+    """Name of a component: what the keys of the scene that are called so may be."""
+    found: dict[str, list[set[str]]] = {}
+    for statement in statements(text):
+        name = re.match(r"call \w+%name\([\w%]*?(\w+), ", statement.code)
+        choices = re.search(r"choices=((?:'[^']*'(?:\s*//\s*)?)+)", statement.code)
+        if name and choices:
+            words = "".join(re.findall(r"'([^']*)'", choices.group(1))).split()
+            found.setdefault(name.group(1).lower(), []).append(set(words))
+    return found
+
+
+def wrong_choices(scene: str, keys: str) -> list[tuple[int, str]]:
+    """(line, message) where the values in the comment of a component are not those of its key."""
+    choices = choices_of_keys(keys)
+    problems = []
+    inside = ""
+    for statement in statements(scene):
+        if match := TYPE.match(statement.code):
+            inside = match.group(2).lower()
+        elif statement.code.lower().startswith("end type"):
+            inside = ""
+        elif inside and statement.code.lower().startswith("character") and "::" in statement.code:
+            name = names_in(statement.code)[0]
+            listed = set(re.findall(r"'(\w+)'", " ".join(statement.doc)))
+            values = listed | set(re.findall(r"= '(\w+)'", statement.code))
+            if listed and name in choices and values not in choices[name]:
+                problems.append((statement.line, f"{inside}%{name} may be something else"))
+    return problems
+
+
+def check_choices(root: Path) -> list[str]:
+    scene, keys = root / "src/io/dosui_scene.f90", root / "src/io/dosui_scene_keys.f90"
+    found = wrong_choices(scene.read_text(), keys.read_text())
+    return [f"{scene}:{line}: {what} (`choices` of dosui_scene_keys)" for line, what in found]

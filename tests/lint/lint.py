@@ -6,6 +6,7 @@ lint.py [CHECK ...]      without arguments: all
 rooms       which room of src/ may use which (docs/developer/design.md), and foreign modules
 sources     lines, names, `only`, `private`, no stop and no preprocessor
 units       every real that a room shows to others has its unit (docstrings.py)
+choices     values in comments of dosui_scene are the choices of its keys (docstrings.py)
 references  keys of docs/refs.bib are cited, cited keys are defined (documents.py)
 links       relative links of pages lead to files and headings
 contents    tables of contents are equal to the headings
@@ -23,7 +24,7 @@ import sys
 from pathlib import Path
 
 import documents
-from docstrings import check_units
+from docstrings import check_choices, check_units
 
 ROOT = Path(__file__).resolve().parents[2]
 LINE_LENGTH = 100
@@ -185,6 +186,7 @@ CHECKS = {
     "rooms": check_rooms,
     "sources": check_sources,
     "units": lambda: check_units(ROOT),
+    "choices": lambda: check_choices(ROOT),
     "references": lambda: documents.check_references(ROOT),
     "links": lambda: documents.check_links(ROOT),
     "contents": lambda: documents.check_contents(ROOT),

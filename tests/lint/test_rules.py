@@ -6,7 +6,7 @@ from pathlib import Path
 
 import documents
 import pytest
-from docstrings import missing_units
+from docstrings import missing_units, wrong_choices
 
 MODULE = """module dosui_thing
   implicit none
@@ -60,6 +60,24 @@ def test_a_missing_unit_is_found(old: str, new: str, line: int) -> None:
 
 
 DOCS = "docs"  # names of files that do not exist here are put together
+
+
+SCENE = """  type, public :: water_t
+    character(len=64) :: stepping = 'auto'   !! 'single', 'rkl2' or 'auto'
+    character(len=64) :: region = ''         !! named 'so'
+  end type water_t
+"""
+KEYS = """    call v%name(water%stepping, &
+                key('stepping', 'how', &
+                    choices='auto single '// &
+                    'rkl2'))
+"""
+
+
+def test_values_in_comments_are_those_of_keys() -> None:
+    assert wrong_choices(SCENE, KEYS) == []
+    assert [line for line, _ in wrong_choices(SCENE.replace("'single', ", ""), KEYS)] == [2]
+    assert [line for line, _ in wrong_choices(SCENE, KEYS.replace("rkl2", "rkl2 rkc"))] == [2]
 
 
 def tree(root: Path, **files: str) -> Path:

@@ -7,7 +7,7 @@ source "$(dirname "${BASH_SOURCE[0]}")/support/setup.sh"
 
 dosui_install_packages
 mkdir -p "$DOSUI_ROOT/build"
-dosui_install_python pytest vtk ruff mypy fprettify fortitude-lint
+dosui_install_python pytest vtk ruff mypy fprettify fortitude-lint "${DOSUI_SITE_TOOLS[@]}"
 dosui_say "building Debug"
 dosui_build debug all "-DDOSUI_PYTHON=$DOSUI_VENV/bin/python" >"$DOSUI_ROOT/build/debug.log" 2>&1 ||
   { tail -n 60 "$DOSUI_ROOT/build/debug.log"; exit 1; }

@@ -73,7 +73,7 @@ contains
   end subroutine add_probe_columns
 
   real(wp) function probe_value(model, probe) result(value)
-    !! The probe's value now, the same on all ranks. Collective.
+    !! The probe's value now, the same on all ranks [unit of its field]. Collective.
     type(model_t), intent(inout) :: model
     type(probe_t), intent(in) :: probe
     real(wp), allocatable :: values(:, :)

@@ -58,7 +58,7 @@ contains
     !! Values of a result field on the owned particles, (components, n). Collective for heads.
     type(model_t), intent(inout) :: model
     character(len=*), intent(in) :: name
-    real(wp), allocatable, intent(out) :: values(:, :)
+    real(wp), allocatable, intent(out) :: values(:, :)   !! (components, n) [unit of the field]
     real(wp), allocatable :: head(:), flux(:, :)
     integer :: handle, n
 

@@ -1,5 +1,5 @@
-!! The safety factor of a body at rest, by reducing its strength (Zienkiewicz, Humpheson & Lewis
-!! 1975): the largest F for which soils with c/F and tan(phi)/F still carry weight, loads and the
+!! The safety factor of a body at rest, by reducing its strength [Zienkiewicz1975]: the
+!! largest F for which soils with c/F and tan(phi)/F still carry weight, loads and the
 !! initial pore pressures.
 module dosui_safety
   use dosui_kinds, only: wp

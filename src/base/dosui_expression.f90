@@ -37,7 +37,7 @@ module dosui_expression
     !! A formula that has been read; before that, and after an error, the constant 0.
     private
     integer, allocatable :: code(:)         ! the program, operands before operators
-    real(wp), allocatable :: constant(:)    ! in the order in which the program needs them
+    real(wp), allocatable :: constant(:)    !! in the order of the program [any unit]
   contains
     procedure :: parse => expression_parse
     procedure :: value => expression_value
@@ -97,9 +97,9 @@ contains
   end subroutine expression_parse
 
   pure real(wp) function expression_value(self, variables) result(value)
-    !! The formula at given values; division by zero and the like follow IEEE.
+    !! The formula at given values; division by zero and the like follow IEEE [any unit].
     class(expression_t), intent(in) :: self
-    real(wp), intent(in) :: variables(:)   !! in the order of their names at `parse`
+    real(wp), intent(in) :: variables(:)   !! in the order of their names at `parse` [any unit]
     real(wp) :: stack(stack_size)
     integer :: k, n_constant, top
 

@@ -9,21 +9,22 @@ module dosui_geometry
 contains
 
   pure function cross(a, b) result(product)
-    !! Vector product.
-    real(wp), intent(in) :: a(3), b(3)
+    !! Vector product [product of the units].
+    real(wp), intent(in) :: a(3), b(3)   !! [any unit]
     real(wp) :: product(3)
 
     product = [a(2)*b(3) - a(3)*b(2), a(3)*b(1) - a(1)*b(3), a(1)*b(2) - a(2)*b(1)]
   end function cross
 
   pure subroutine clip_outline(direction, plane, inward, n, outline)
-    !! Keeps what of a polygon lies on one side of a plane or in it (Sutherland & Hodgman 1974).
+    !! Keeps what of a polygon lies on one side of a plane or in it [Sutherland1974].
     integer, intent(in) :: direction       !! component that is constant in the plane
-    real(wp), intent(in) :: plane          !! its value there
-    real(wp), intent(in) :: inward         !! 1: above, -1: below is kept
+    real(wp), intent(in) :: plane          !! its value there [m, or any unit of the corners]
+    real(wp), intent(in) :: inward         !! 1: above, -1: below is kept [-]
     integer, intent(inout) :: n            !! corners
     real(wp), intent(inout) :: outline(:, :)
     !! (components, at least n + 1 for a convex polygon, else 2 n) corners in their order
+    !! [any unit]
     real(wp) :: kept(size(outline, 1), size(outline, 2)), here, next
     integer :: k, m, after
 

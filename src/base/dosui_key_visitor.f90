@@ -58,7 +58,7 @@ module dosui_key_visitor
       import :: key_visitor_t, key_t, wp
       implicit none
       class(key_visitor_t), intent(inout) :: self
-      real(wp), intent(inout) :: value
+      real(wp), intent(inout) :: value   !! [unit of the key]
       type(key_t), intent(in) :: key
     end subroutine visit_real
     subroutine visit_property(self, value, key)
@@ -110,7 +110,7 @@ module dosui_key_visitor
       import :: key_visitor_t, key_t, wp
       implicit none
       class(key_visitor_t), intent(inout) :: self
-      real(wp), intent(inout) :: value(:)
+      real(wp), intent(inout) :: value(:)   !! [unit of the key]
       type(key_t), intent(in) :: key
     end subroutine visit_vector
     subroutine visit_list(self, value, key)
@@ -118,7 +118,7 @@ module dosui_key_visitor
       import :: key_visitor_t, key_t, wp
       implicit none
       class(key_visitor_t), intent(inout) :: self
-      real(wp), allocatable, intent(inout) :: value(:)
+      real(wp), allocatable, intent(inout) :: value(:)   !! [unit of the key]
       type(key_t), intent(in) :: key
     end subroutine visit_list
     subroutine visit_points(self, value, key)
@@ -126,7 +126,7 @@ module dosui_key_visitor
       import :: key_visitor_t, key_t, wp
       implicit none
       class(key_visitor_t), intent(inout) :: self
-      real(wp), allocatable, intent(inout) :: value(:, :)
+      real(wp), allocatable, intent(inout) :: value(:, :)   !! [unit of the key]
       type(key_t), intent(in) :: key
     end subroutine visit_points
   end interface
@@ -163,7 +163,7 @@ contains
 
   pure logical function in_range(x, range) result(is_in)
     !! Does a number fulfil all conditions of a range like '>= 0 and < 0.5'?
-    real(wp), intent(in) :: x
+    real(wp), intent(in) :: x   !! [any unit]
     character(len=*), intent(in) :: range
     character(len=:), allocatable :: rest
     real(wp) :: bound
@@ -218,7 +218,7 @@ contains
 
   pure function real_text(x) result(text)
     !! A real as namelist text, '' if it stands for no limit.
-    real(wp), intent(in) :: x
+    real(wp), intent(in) :: x   !! [any unit]
     character(len=:), allocatable :: text
 
     text = ''

@@ -13,6 +13,7 @@ contains
   pure subroutine eliminate(matrix, right, regular)
     !! Solves a small symmetric positive definite system by elimination.
     real(wp), intent(inout) :: matrix(:, :), right(:)
+    !! (m, m) destroyed; (m) right side, then the solution [any unit]
     logical, intent(out) :: regular
     real(wp) :: factor, largest
     integer :: i, j, m

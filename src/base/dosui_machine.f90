@@ -97,7 +97,7 @@ contains
 
   pure function bytes_text(bytes) result(text)
     !! A size for people: '12 MB', '3.4e5 GB'.
-    real(wp), intent(in) :: bytes
+    real(wp), intent(in) :: bytes   !! [B]
     character(len=:), allocatable :: text
     real(wp) :: size
     character(len=2) :: unit

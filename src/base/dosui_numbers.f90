@@ -31,7 +31,7 @@ contains
     !! is one, and x is left alone if it is none. What is closer to zero than doubles are exact for
     !! is zero; what is too large is found by its digits: reading it would trap.
     character(len=*), intent(in) :: word
-    real(wp), intent(inout) :: x
+    real(wp), intent(inout) :: x   !! [any unit]
     character(len=:), allocatable, intent(out) :: reason
     integer(i8) :: mantissa
     integer :: n_digit, n_after, exponent, first, status

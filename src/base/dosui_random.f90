@@ -11,7 +11,7 @@ module dosui_random
 contains
 
   pure real(wp) function hash_uniform(seed, id, stream) result(number)
-    !! Uniform number in [0, 1) for a seed, an identity and a stream (for example a direction).
+    !! Uniform number in [0, 1) for a seed, an identity and a stream (for example a direction) [-].
     !!
     !! Rounds of multiplicative congruential mixing with xor shifts; products stay below 2**62, so
     !! that nothing overflows.

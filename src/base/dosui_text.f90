@@ -50,7 +50,7 @@ contains
 
   pure function text_of_real(x, digits) result(text)
     !! The shortest text that reads back as x: '0.025', '1.25e-3', '1e9', 'nan', 'inf'.
-    real(wp), intent(in) :: x
+    real(wp), intent(in) :: x   !! [any unit]
     integer, intent(in), optional :: digits   !! at most so many significant digits (then rounded)
     character(len=:), allocatable :: text
     character(len=32) :: buffer
@@ -123,7 +123,7 @@ contains
 
   pure function vector_text(x) result(text)
     !! Components in brackets, 6 digits each; round-off beside the others is 0.
-    real(wp), intent(in) :: x(:)
+    real(wp), intent(in) :: x(:)   !! [any unit]
     character(len=:), allocatable :: text
     real(wp), parameter :: round_off = 1.0e-12_wp
     integer :: d

@@ -2,7 +2,7 @@
 !! their triangles.
 !!
 !! A planar face that a rectangular lattice fills exactly is divided by it. Any other face is cut
-!! into crumbs, which gather around centres: Lloyd's iterations (1982) with distances that also
+!! into crumbs, which gather around centres: Lloyd's iterations [Lloyd1982] with distances that also
 !! count how much normals differ. Areas of all pieces add up to that of the face.
 module dosui_triangle_pieces
   use dosui_geometry, only: clip_outline

@@ -17,11 +17,11 @@ module dosui_cell_average
 
   type, public :: cell_average_t
     !! Weights of cells and blocks, complete over all ranks.
-    real(wp), allocatable :: cell_weight(:)      !! (n_cell) this rank's share of the weight
-    real(wp), allocatable :: cell_inverse(:)     !! (n_cell) 1/complete weight, 0 for empty cells
-    real(wp), allocatable :: block_inverse(:)    !! (n_block) 1/complete weight, 0 for empty blocks
+    real(wp), allocatable :: cell_weight(:)      !! (n_cell) this rank's share of the weight [m3]
+    real(wp), allocatable :: cell_inverse(:)     !! (n_cell) 1/complete weight, 0 if empty [1/m3]
+    real(wp), allocatable :: block_inverse(:)    !! (n_block) 1/complete weight, 0 if empty [1/m3]
     integer, allocatable :: group(:)             !! (n_cell) first cell of the group, if there are
-    real(wp), allocatable :: group_inverse(:)    !! (n_cell) 1/complete weight of that group
+    real(wp), allocatable :: group_inverse(:)    !! (n_cell) 1/complete weight of that group [1/m3]
   contains
     procedure :: set_weights => cell_average_set_weights
     procedure :: cell_means => cell_average_cell_means
@@ -36,9 +36,9 @@ contains
     !! Kernel: sums of weight*value over the particles of each cell.
     integer, intent(in) :: n
     integer, intent(in) :: cell(n)
-    real(wp), intent(in) :: weight(n), value(n)
+    real(wp), intent(in) :: weight(n), value(n)   !! volumes, say [m3], and values [any unit]
     integer, intent(in) :: n_cell
-    real(wp), intent(out) :: sums(n_cell)
+    real(wp), intent(out) :: sums(n_cell)   !! [unit of weight times value]
     integer :: p, here
     real(wp) :: total
 
@@ -62,10 +62,10 @@ contains
     !! directions of the scene (volume change of strains; ndim times the mean in-plane stress).
     integer, intent(in) :: n
     integer, intent(in) :: cell(n)
-    real(wp), intent(in) :: weight(n)
-    real(wp), intent(in) :: tensor(nsig, n)   !! strains or stresses
+    real(wp), intent(in) :: weight(n)   !! volumes, say [m3]
+    real(wp), intent(in) :: tensor(nsig, n)   !! strains [-] or stresses [Pa]
     integer, intent(in) :: n_cell
-    real(wp), intent(out) :: sums(n_cell)
+    real(wp), intent(out) :: sums(n_cell)   !! [unit of weight times tensor]
     integer :: p, here, d
     real(wp) :: total, trace
 
@@ -92,10 +92,10 @@ contains
     !! Kernel: sums of weight*tensor over the particles of each cell.
     integer, intent(in) :: n
     integer, intent(in) :: cell(n)
-    real(wp), intent(in) :: weight(n)
-    real(wp), intent(in) :: tensor(nsig, n)   !! strains or stresses
+    real(wp), intent(in) :: weight(n)   !! volumes, say [m3]
+    real(wp), intent(in) :: tensor(nsig, n)   !! strains [-] or stresses [Pa]
     integer, intent(in) :: n_cell
-    real(wp), intent(out) :: sums(nsig, n_cell)
+    real(wp), intent(out) :: sums(nsig, n_cell)   !! [unit of weight times tensor]
     integer :: p, here
     real(wp) :: total(nsig)
 
@@ -118,9 +118,9 @@ contains
     !! Kernel: sums of cell values over the blocks.
     integer, intent(in) :: width, n_cell
     integer, intent(in) :: cell_block(n_cell)
-    real(wp), intent(in) :: cell_value(width, n_cell)
+    real(wp), intent(in) :: cell_value(width, n_cell)   !! [any unit]
     integer, intent(in) :: n_block
-    real(wp), intent(out) :: sums(width, n_block)
+    real(wp), intent(out) :: sums(width, n_block)   !! [unit of the cell values]
     integer :: c
 
     sums = 0.0_wp
@@ -204,7 +204,8 @@ contains
     type(communicator_t), intent(in) :: comm
     type(grid_t), intent(inout) :: grid
     integer, intent(in) :: width                              !! values per cell
-    real(wp), intent(inout) :: sums(width, grid%n_cell)       !! sums on entry, means on return
+    real(wp), intent(inout) :: sums(width, grid%n_cell)
+    !! sums [unit of weight times value] on entry, means [unit of value] on return
     integer :: c
 
     call complete_cells(comm, grid, width, sums)
@@ -220,7 +221,7 @@ contains
     type(communicator_t), intent(in) :: comm
     type(grid_t), intent(inout) :: grid
     integer, intent(in) :: width                              !! values per cell
-    real(wp), intent(inout) :: sums(width, grid%n_cell)
+    real(wp), intent(inout) :: sums(width, grid%n_cell)   !! [unit of weight times value]
     integer :: c
 
     if (allocated(self%group)) then
@@ -240,7 +241,8 @@ contains
     type(communicator_t), intent(in) :: comm
     type(grid_t), intent(inout) :: grid
     integer, intent(in) :: width                              !! values per cell
-    real(wp), intent(inout) :: sums(width, grid%n_cell)       !! sums on entry, means on return
+    real(wp), intent(inout) :: sums(width, grid%n_cell)
+    !! sums [unit of weight times value] on entry, means [unit of value] on return
     integer :: c
 
     if (.not. allocated(self%group)) then
@@ -260,8 +262,8 @@ contains
     type(communicator_t), intent(in) :: comm
     type(grid_t), intent(inout) :: grid
     integer, intent(in) :: width
-    real(wp), intent(in) :: sums(width, grid%n_cell)
-    real(wp), intent(out) :: means(width, grid%n_block)
+    real(wp), intent(in) :: sums(width, grid%n_cell)   !! [unit of weight times value]
+    real(wp), intent(out) :: means(width, grid%n_block)   !! [unit of value]
     integer :: b
 
     call complete_blocks(comm, grid, width, sums, means)

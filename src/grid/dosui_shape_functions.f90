@@ -7,7 +7,7 @@
 !! Where a body ends, wide functions reach nodes beyond its surface that little mass and no
 !! condition holds. Patches with empty cells on one side are therefore folded there: the outer
 !! node follows the two others, v_0 = 2 v_1 - v_2, so that linear fields are kept and the field
-!! on a surface through node 1 is that node's value (cf. Steffen et al. 2008 on end functions).
+!! on a surface through node 1 is that node's value (cf. [Steffen2008] on end functions).
 module dosui_shape_functions
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim
@@ -39,8 +39,8 @@ module dosui_shape_functions
 contains
 
   pure function corner_hats(local) result(weight)
-    !! Hats of a cell's corners, x fastest.
-    real(wp), intent(in) :: local(ndim)   !! coordinates in the cell, 0 to 1
+    !! Hats of a cell's corners, x fastest [-].
+    real(wp), intent(in) :: local(ndim)   !! coordinates in the cell, 0 to 1 [-]
     real(wp) :: weight(2**ndim)
     integer :: corner, d
 
@@ -102,7 +102,7 @@ contains
   end subroutine shape_weights
 
   pure subroutine gimp_weights(half_domain, xi, weight, slope)
-    !! Hats averaged over [xi - l, xi + l] (Bardenhagen & Kober 2004). With N the hat and H its
+    !! Hats averaged over [xi - l, xi + l] [Bardenhagen2004]. With N the hat and H its
     !! integral: weight = (H(d + l) - H(d - l))/(2 l), slope = (N(d + l) - N(d - l))/(2 l).
     real(wp), intent(in) :: half_domain   !! l [-]
     real(wp), intent(in) :: xi

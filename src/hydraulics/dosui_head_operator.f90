@@ -18,7 +18,7 @@
 !! Where bodies shear or tear, a fit may put large negative entries on neighbours, and heads grow.
 !! Such a row leaves out those neighbours, the worst one first, as long as the others determine a
 !! fit: rows without negative entries cannot grow, and keep heads between their neighbours' (cf.
-!! Seibold 2008). If none is left the neighbours exchange water in pairs.
+!! [Seibold2008]). If none is left the neighbours exchange water in pairs.
 module dosui_head_operator
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim
@@ -404,7 +404,7 @@ contains
     class(head_operator_t), intent(in) :: self
     real(wp), intent(in), contiguous :: head(:)     !! of owned and ghost particles [m]
     real(wp), intent(in), contiguous :: datum(:)    !! of surface points: head [m] or flux [m/s]
-    real(wp), intent(inout), contiguous :: rate(:)  !! (n_row)
+    real(wp), intent(inout), contiguous :: rate(:)  !! (n_row) [1/s]
     real(wp) :: total, here
     integer :: i, k
 
@@ -433,7 +433,7 @@ contains
     real(wp), intent(in), contiguous :: datum(:)            !! of surface points [m] or [m/s]
     real(wp), intent(in), contiguous :: relative(:)         !! k_r of particles [-]
     real(wp), intent(in), contiguous :: point_relative(:)   !! k_r of surface points [-]
-    real(wp), intent(inout), contiguous :: rate(:)          !! (n_row)
+    real(wp), intent(inout), contiguous :: rate(:)          !! (n_row) [1/s]
     real(wp) :: total, here
     integer :: i, j, k
 
@@ -461,8 +461,9 @@ contains
                                           unit_weight, entry, diagonal)
     !! Kernel: derivative of `apply_relative` with respect to the particles' pressures.
     class(head_operator_t), intent(in) :: self
-    real(wp), intent(in), contiguous :: head(:), datum(:)             !! as for `apply_relative`
-    real(wp), intent(in), contiguous :: relative(:), point_relative(:)
+    real(wp), intent(in), contiguous :: head(:), datum(:)
+    !! as for `apply_relative` [m], [m or m/s]
+    real(wp), intent(in), contiguous :: relative(:), point_relative(:)   !! likewise [-]
     real(wp), intent(in), contiguous :: slope(:)     !! dk_r/du of particles [1/Pa]
     real(wp), intent(in) :: unit_weight              !! gamma_w [N/m3]
     real(wp), intent(out), contiguous :: entry(:)    !! like `coefficient` [1/(Pa s)]
@@ -500,10 +501,11 @@ contains
     real(wp), intent(in) :: soil(:), point_soil(:)
     !! conductivities of the soils that particles and surface points are of [m/s]
     real(wp), intent(in) :: spacing, radius                   !! dx [m], R/dx [-]
-    real(wp), intent(in) :: point_position(:, :), point_normal(:, :)   !! of surface points
+    real(wp), intent(in) :: point_position(:, :), point_normal(:, :)   !! of surface points [m], [-]
     type(stencil_t), intent(inout) :: stencil
     integer, intent(out) :: n_near        !! the first rows are particles, the others surface points
     real(wp), intent(out) :: matrix(n_basis, n_basis)
+    !! its Cholesky factor, of weighted monomials [-]
     logical, intent(out) :: regular
     real(wp) :: r(ndim), weight(max_rows)   ! of what lies in the particle's own soil
     integer :: k, first, b
@@ -557,8 +559,8 @@ contains
     real(wp), intent(in) :: position(:, :), conductivity(:)   !! of particles [m], [m/s]
     real(wp), intent(in) :: soil(:), point_soil(:)            !! as for `fit` [m/s]
     real(wp), intent(in) :: spacing, radius                   !! dx [m], R/dx [-]
-    real(wp), intent(in) :: point_position(:, :), point_normal(:, :)   !! of surface points
-    real(wp), intent(in) :: head(:), datum(:)                 !! as for `apply`
+    real(wp), intent(in) :: point_position(:, :), point_normal(:, :)   !! of surface points [m], [-]
+    real(wp), intent(in) :: head(:), datum(:)                 !! as for `apply` [m], [m or m/s]
     real(wp), intent(inout) :: flux(:, :)                     !! (ndim, n_row) [m/s]
     type(stencil_t) :: stencil
     real(wp) :: matrix(n_basis, n_basis), right(n_basis), value

@@ -30,7 +30,7 @@ contains
     type(hydraulic_condition_t), intent(in) :: conditions(:)
     integer, intent(in) :: condition_surface(size(conditions))   !! surface of each condition
     integer, intent(in) :: n_point
-    real(wp), intent(in) :: surface(:, :)                        !! sets of surfaces of the points
+    real(wp), intent(in) :: surface(:, :)   !! sets of surfaces of the points, as bits [-]
     logical, intent(in) :: has_head(n_point)                     !! of points that may switch
     integer :: p, c
 

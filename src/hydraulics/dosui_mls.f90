@@ -1,8 +1,8 @@
 !! Moving least squares for the head: rows of the Laplacian and of the gradient at a particle.
 !!
 !! The compact (generalised finite difference) form fits h_j - h_i by a full quadratic in
-!! r = (x_j - x_i)/dx with Wendland C2 weights and reads second derivatives off the fit
-!! (Liszka & Orkisz 1980; flux rows as in Milewski 2012): no gradient is taken twice.
+!! r = (x_j - x_i)/dx with Wendland C2 weights [Wendland1995] and reads second derivatives off
+!! the fit ([Liszka1980]; flux rows as in [Milewski2012]): no gradient is taken twice.
 module dosui_mls
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim
@@ -18,14 +18,14 @@ contains
 
   pure real(wp) function wendland_weight(ratio) result(weight)
     !! Wendland C2 weight (1 - q)^4 (1 + 4 q) of q = r/R < 1 [-].
-    real(wp), intent(in) :: ratio
+    real(wp), intent(in) :: ratio   !! q, from 0 to 1 [-]
 
     weight = (1.0_wp - ratio)**4*(1.0_wp + 4.0_wp*ratio)
   end function wendland_weight
 
   pure function quadratic_basis(r) result(basis)
     !! (r_a, r_a^2/2, r_a r_b): the Taylor monomials without the constant [-].
-    real(wp), intent(in) :: r(ndim)
+    real(wp), intent(in) :: r(ndim)   !! place relative to the particle over dx [-]
     real(wp) :: basis(n_basis)
     integer :: a, b, k
 
@@ -43,6 +43,7 @@ contains
   pure function quadratic_basis_slope(r, normal) result(slope)
     !! Derivative of the monomials along a normal [-].
     real(wp), intent(in) :: r(ndim), normal(ndim)
+    !! place relative to the particle over dx, unit vector [-]
     real(wp) :: slope(n_basis)
     integer :: a, b, k
 
@@ -61,7 +62,7 @@ contains
     !! Kernel: Cholesky factor (lower triangle) of a symmetric matrix, in place. `regular` is false
     !! when a pivot is tiny against its diagonal entry: the rows do not determine the fit.
     integer, intent(in) :: m
-    real(wp), intent(inout) :: matrix(m, m)
+    real(wp), intent(inout) :: matrix(m, m)   !! symmetric on entry, its factor on return [any unit]
     logical, intent(out) :: regular
     real(wp) :: pivot
     integer :: i, j, k
@@ -90,8 +91,8 @@ contains
   pure subroutine solve_factored(m, factor, right)
     !! Kernel: solves with the Cholesky factor, in place.
     integer, intent(in) :: m
-    real(wp), intent(in) :: factor(m, m)
-    real(wp), intent(inout) :: right(m)
+    real(wp), intent(in) :: factor(m, m)   !! as from `factorise` [any unit]
+    real(wp), intent(inout) :: right(m)   !! right side on entry, solution on return [any unit]
     integer :: i, k
 
     do i = 1, m

@@ -1,6 +1,6 @@
 !! Storage of pore water with pressure projection, acting on increments:
 !! S = n/K_w + (tau_i/M) (I - P) + (tau_m/M) (P - P_2), P the average over a cell and P_2 over a
-!! block of 2**ndim cells (after Dohrmann & Bochev 2004). It leaves steady states untouched and
+!! block of 2**ndim cells (after [Dohrmann2004]). It leaves steady states untouched and
 !! takes out the pressures that the grid's volume change cannot balance.
 !!
 !! P and P_2 are nested orthogonal projections, so S is inverted part by part.
@@ -56,6 +56,7 @@ contains
     real(wp), intent(in) :: cell_mean(:)    !! P rate [1/s]
     real(wp), intent(in) :: block_mean(:)   !! P_2 rate [1/s]
     real(wp), intent(inout) :: rate(n)
+    !! of water content [1/s] on entry, of pressure [Pa/s] on return
     integer :: p, c, b, here
     real(wp) :: smooth, fine
 

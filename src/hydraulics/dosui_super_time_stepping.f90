@@ -1,5 +1,5 @@
 !! RKL2: s stages of a Runge-Kutta-Legendre scheme of second order for diffusion, stable up to
-!! dt = (s^2 + s - 2)/4 times the explicit limit (Meyer, Balsara & Aslam 2014).
+!! dt = (s^2 + s - 2)/4 times the explicit limit [Meyer2014].
 module dosui_super_time_stepping
   use dosui_kinds, only: wp
   implicit none
@@ -9,14 +9,14 @@ module dosui_super_time_stepping
 
   type, public :: stage_t
     !! Y_j = mu Y_(j-1) + nu Y_(j-2) + (1 - mu - nu) Y_0 + dt (mu_t M(Y_(j-1)) + gamma_t M(Y_0)).
-    real(wp) :: mu = 0.0_wp, nu = 0.0_wp, mu_t = 0.0_wp, gamma_t = 0.0_wp
+    real(wp) :: mu = 0.0_wp, nu = 0.0_wp, mu_t = 0.0_wp, gamma_t = 0.0_wp   !! [-]
   end type stage_t
 
 contains
 
   pure integer function stages_needed(ratio) result(s)
     !! Smallest odd number of stages that is stable for dt = ratio x explicit limit.
-    real(wp), intent(in) :: ratio
+    real(wp), intent(in) :: ratio   !! dt over the explicit limit [-]
 
     s = 3
     do while (0.25_wp*real(s*s + s - 2, wp) < ratio)
@@ -25,7 +25,7 @@ contains
   end function stages_needed
 
   pure function stage_coefficients(s) result(stages)
-    !! The s stages, eqs. 15-18 of Meyer et al. (2014).
+    !! The s stages, eqs. 15-18 of [Meyer2014].
     integer, intent(in) :: s
     type(stage_t) :: stages(s)
     real(wp) :: b(0:s), a(0:s), w1

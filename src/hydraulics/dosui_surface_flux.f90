@@ -44,7 +44,7 @@ contains
     real(wp), intent(in) :: soil(:), point_soil(:)            !! as for the operator's `fit` [m/s]
     real(wp), intent(in) :: spacing, radius                   !! dx [m], R/dx [-]
     type(index_map_t), intent(inout) :: point_map             !! of the surface points
-    real(wp), intent(in) :: point_position(:, :), point_normal(:, :)   !! with ghosts
+    real(wp), intent(in) :: point_position(:, :), point_normal(:, :)   !! with ghosts [m], [-]
     integer, intent(in) :: point_kind(:)                      !! kind_head or kind_flux
     logical, intent(in) :: wanted(:)                          !! points that are asked for
     integer, intent(in) :: point_start(:), point_neighbour(:) !! surface points near each row
@@ -174,7 +174,7 @@ contains
     type(head_operator_t), intent(in) :: operator    !! that it was built with
     real(wp), intent(in) :: head(:)                  !! of owned and ghost particles [m]
     real(wp), intent(in) :: datum(:)                 !! of surface points: head [m] or flux [m/s]
-    real(wp), intent(out) :: flux(:)                 !! (n)
+    real(wp), intent(out) :: flux(:)                 !! (n) [m/s or m]
     real(wp), intent(in), optional :: relative(:)        !! k_r of particles, with suction [-]
     real(wp), intent(in), optional :: point_relative(:)  !! k_r of surface points, likewise [-]
     integer :: e, i, k, entry

@@ -1,9 +1,10 @@
 !! The literal MLS-SPH operator of the published one-set method: the Darcy flux from MLS-corrected
-!! SPH gradients of the head, then the SPH divergence of that flux with the same gradients.
+!! SPH gradients of the head [Randles1996], then the SPH divergence of that flux with the same
+!! gradients.
 !!
-!! Kept for comparison (docs/theory.md shows its measured limits): the antisymmetric stencil applied
-!! twice cannot see a checkerboard, and heads are set on the centres of surface particles. The
-!! wall-normal flux of particles next to a no-flow surface is removed.
+!! Kept for comparison (docs/theory/water.md shows its measured limits): the antisymmetric stencil
+!! applied twice cannot see a checkerboard, and heads are set on the centres of surface particles.
+!! The wall-normal flux of particles next to a no-flow surface is removed.
 module dosui_two_pass_operator
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim
@@ -40,6 +41,7 @@ contains
     integer, intent(in) :: row_start(:), neighbour(:)
     real(wp), intent(in) :: spacing, radius                    !! dx [m], R/dx [-]
     real(wp), intent(in) :: point_position(:, :), point_normal(:, :)
+    !! of surface points [m], outward [-]
     integer, intent(in) :: point_patch(:)
     logical, intent(in) :: point_is_head(:)
     integer, intent(in) :: point_start(:), point_neighbour(:)  !! surface points near each row
@@ -120,7 +122,7 @@ contains
     class(two_pass_operator_t), intent(in) :: self
     real(wp), intent(in) :: head(:)            !! [m]
     real(wp), intent(in) :: datum(:)           !! of surface points [m/s]
-    real(wp), intent(inout) :: flux(:, :)      !! (ndim, >= n_row)
+    real(wp), intent(inout) :: flux(:, :)      !! (ndim, >= n_row) [m/s]
     integer :: i, k
 
     do i = 1, self%n_row
@@ -141,7 +143,7 @@ contains
     !! Kernel: -div w of owned particles [1/s]; 0 where the head is held.
     class(two_pass_operator_t), intent(in) :: self
     real(wp), intent(in) :: flux(:, :)         !! of owned and ghost particles [m/s]
-    real(wp), intent(inout) :: rate(:)
+    real(wp), intent(inout) :: rate(:)   !! (>= n_row) [1/s]
     integer :: i, k
 
     do i = 1, self%n_row

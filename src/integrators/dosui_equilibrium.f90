@@ -1,10 +1,11 @@
 !! Equilibrium under the loads of the present time, without inertia: undrained, or at the pore
 !! pressures at hand.
 !!
-!! Conjugate gradients on the nodal displacements, with the nodal masses as preconditioner and the
-!! step's own kernels as operator: a trial motion changes stresses and pressures, and the change
-!! of the nodal accelerations is what the operator does to it. Conditions on nodes and rigid
-!! plates are projections in the mass norm and so commute with the preconditioner.
+!! Conjugate gradients [Hestenes1952] on the nodal displacements, with the nodal masses as
+!! preconditioner and the step's own kernels as operator: a trial motion changes stresses and
+!! pressures, and the change of the nodal accelerations is what the operator does to it. Conditions
+!! on nodes and rigid plates are projections in the mass norm and so commute with the
+!! preconditioner.
 !!
 !! Residuals are measured against what loads and stresses would do if nothing balanced them, never
 !! against their own first value: a body that is in equilibrium already has nothing to do.
@@ -47,9 +48,9 @@ module dosui_equilibrium
   real(wp), parameter :: rigid = 1.0e-5_wp        !! strain times spacing over motion [-]
 
   type, public :: load_scale_t
-    !! Norms of accelerations in the masses, against which residuals are measured [sqrt(kg) m/s2].
-    real(wp) :: loads = -1.0_wp    !! of weight, loads and the first residual; < 0: not known yet
-    real(wp) :: stress = 0.0_wp    !! of stresses and pressures that end within a cell
+    !! Norms of accelerations in the masses, against which residuals are measured.
+    real(wp) :: loads = -1.0_wp    !! of weight, loads, first residual; < 0: none [kg**(1/2) m/s2]
+    real(wp) :: stress = 0.0_wp    !! of stresses and pressures within a cell [kg**(1/2) m/s2]
   end type load_scale_t
 
   type :: trial_t

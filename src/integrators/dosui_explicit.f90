@@ -205,10 +205,10 @@ contains
   end function fastest_particle
 
   pure real(wp) function cut_share(model) result(share)
-    !! What surfaces within cells leave of the wave's limit. Nodes beside have less mass than their
-    !! cells have stiffness, the less the fewer particles there are; FLIP's limit is 1/sqrt(2) of
-    !! others', since nodes forget the velocity of motions that particles do not see, but not where
-    !! these have led.
+    !! What surfaces within cells leave of the wave's limit [-]. Nodes beside have less mass than
+    !! their cells have stiffness, the less the fewer particles there are; FLIP's limit is 1/sqrt(2)
+    !! of others', since nodes forget the velocity of motions that particles do not see, but not
+    !! where these have led.
     type(model_t), intent(in) :: model
     logical :: forgets, is_sparse
 

@@ -161,7 +161,8 @@ contains
     !! E^T m times a field: on unknowns and held components, 0 on those that follow. Collective.
     type(model_t), intent(inout) :: model
     logical, intent(in) :: is_held(:, :)
-    real(wp), intent(inout) :: motion(:, :)   !! (vectors of ndim components, n_node)
+    real(wp), intent(inout) :: motion(:, :)
+    !! (vectors of ndim components, n_node) accelerations [m/s2], then forces [N]
     integer :: i
 
     do i = 1, model%grid%n_node

@@ -2,7 +2,7 @@
 !!
 !!     w = - k (grad h + rho_w a/gamma_w)
 !!
-!! (Zienkiewicz, Chang & Bettess 1980; the water's acceleration relative to the skeleton is left
+!! ([Zienkiewicz1980]; the water's acceleration relative to the skeleton is left
 !! out). Its part of the flow is that of k rho_w a/gamma_w, carried by the nodes: what it brings to
 !! a cell is the divergence there, and impervious surfaces that accelerate get the head's gradient
 !! that stops it.

@@ -430,7 +430,7 @@ contains
 
   function force_row(model) result(row)
     !! Forces and moments of every wall, and what is missing in the balance, for the histories;
-    !! keeps the balance for the closing summary. Collective.
+    !! keeps the balance for the closing summary [units of the columns]. Collective.
     type(model_t), intent(inout) :: model
     real(wp), allocatable :: row(:)
     real(wp), allocatable :: sums(:)

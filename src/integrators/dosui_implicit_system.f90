@@ -487,7 +487,7 @@ contains
     !! Elastic stiffness of a particle [Pa].
     type(model_t), intent(in) :: model
     integer, intent(in) :: p
-    real(wp), intent(out) :: tangent(nsig, nsig)
+    real(wp), intent(out) :: tangent(nsig, nsig)   !! for 2 x shear strains [Pa]
 
     associate (field => model%particles%field, h => model%p, &
                material => model%materials%item(model%material(p))%model)

@@ -93,7 +93,8 @@ module dosui_model
     integer, allocatable :: cell(:)           !! cell of each particle
     integer, allocatable :: surface_cell(:)   !! cell of each owned surface point
     logical, allocatable :: surface_node(:)   !! nodes of surface points' cells, of any rank
-    real(wp), allocatable :: nodal(:, :)      !! (1 + 2 ndim, n_node) mass, momentum, force
+    real(wp), allocatable :: nodal(:, :)
+    !! (1 + 2 ndim, n_node) mass [kg], momentum [kg m/s], force [N]
     real(wp), allocatable :: velocity_old(:, :)   !! (ndim, n_node) before the step [m/s]
     real(wp), allocatable :: velocity(:, :)       !! (ndim, n_node) after the step [m/s]
     real(wp) :: filter_time = 0.0_wp   !! of AFLIP, if it is the same everywhere [s]
@@ -109,7 +110,7 @@ module dosui_model
     type(nodal_extension_t) :: extension   !! nodes that the body hardly touches
     real(wp), allocatable :: strain_increment(:, :)   !! (nsig, particles) of the step [-]
     real(wp), allocatable :: spin(:, :)               !! (nshear, particles) in updated scenes [-]
-    real(wp), allocatable :: no_state(:, :)           !! (0, n) for materials without state
+    real(wp), allocatable :: no_state(:, :)           !! (0, n) for materials without state [-]
     real(wp), allocatable :: tangent(:, :, :)         !! of stresses, nonlinear implicit steps [Pa]
     real(wp), allocatable :: inertia(:)               !! least inertia of nodes [kg]
     real(wp), allocatable :: shift(:, :)

@@ -1,6 +1,6 @@
 !! What pores hold at a pressure: water content, its derivative, and the pressure that the skeleton
 !! feels. Saturated scenes hold n (1 + u/K_w); with suction it is n S(u) (1 + u/K_w), and stresses
-!! are effective after Bishop with chi = S.
+!! are effective after [Bishop1959] with chi = S.
 module dosui_pore_water
   use dosui_kinds, only: wp
   use dosui_model, only: model_t

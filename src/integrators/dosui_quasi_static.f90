@@ -1,5 +1,5 @@
 !! Quasi-static steps: skeleton and water solved together without inertia, by TR-BDF2 with an
-!! estimate of its error (Bank et al. 1985; Hosea & Shampine 1996).
+!! estimate of its error [Bank1985, Hosea1996].
 !!
 !! Momentum holds at every stage; the water content c with dc/dt = F(p) is stepped:
 !!     c_g = c_n + a (F_n + F_g)                        a = g dt/2, g = 2 - sqrt(2)

@@ -16,7 +16,7 @@ module dosui_small_strain
     !! What a motion of the nodes starts from.
     real(wp), allocatable :: displacement(:, :)           !! of the particles [m]
     real(wp), allocatable :: stress(:, :)                 !! effective [Pa]
-    real(wp), allocatable :: state(:, :)                  !! of the materials
+    real(wp), allocatable :: state(:, :)                  !! of the materials [units of the states]
     real(wp), allocatable :: surface_displacement(:, :)   !! of the surface points [m]
   contains
     procedure :: linearise => small_linearise

@@ -568,7 +568,7 @@ contains
   end subroutine solver_turn_safe
 
   pure real(wp) function solver_tolerance(self) result(tolerance)
-    !! Factorised systems are solved to round-off, others to the scene's tolerance.
+    !! Factorised systems are solved to round-off, others to the scene's tolerance [-].
     class(stage_solver_t), intent(in) :: self
 
     tolerance = self%system%tolerance

@@ -38,14 +38,14 @@ contains
     !! Where pores empty or fill and surfaces switch, flows jump, and the pressures of saturated
     !! pores, which store next to nothing, with them: such an estimate is as large at any step. What
     !! lasts are errors of the water content. An estimate that is too large is therefore put through
-    !! the system once more, as what it stores (Hairer & Wanner 1996, IV.8), and at last for the
+    !! the system once more, as what it stores [HairerWanner1996, IV.8], and at last for the
     !! time of a first step: errors that die away within it do not count.
     type(implicit_system_t), intent(inout) :: system   !! as it was last built
     type(model_t), intent(inout) :: model
     real(wp), intent(in) :: a                        !! weight of the flow in the system [s]
     real(wp), intent(in) :: content(:)               !! error of the water content [m3]
     real(wp), intent(in) :: start(:), pressure(:)    !! at t_n, and its increment [Pa]
-    real(wp), intent(out) :: error_norm
+    real(wp), intent(out) :: error_norm   !! over the allowed error [-]
     type(error_t), intent(inout) :: err
     real(wp), allocatable :: motion(:, :), error_pressure(:), supply(:), excess(:)
     real(wp) :: allowed, first
@@ -122,9 +122,9 @@ contains
   end subroutine stored_water
 
   real(wp) function root_mean_square(model, values) result(norm)
-    !! Weighted by volume, over all ranks.
+    !! Weighted by volume, over all ranks [unit of the values].
     type(model_t), intent(in) :: model
-    real(wp), intent(in) :: values(:)   !! of the particles
+    real(wp), intent(in) :: values(:)   !! of the particles [any unit]
     real(wp) :: sums(2)
 
     sums = [sum(model%weight*values**2), sum(model%weight)]

@@ -20,9 +20,9 @@ module dosui_step_watch
 
   type, public :: step_watch_t
     private
-    real(wp) :: promised = 0.0_wp   !! steps of the run, as the first one had it
+    real(wp) :: promised = 0.0_wp   !! steps of the run, as the first one had it [-]
     real(wp) :: first = 0.0_wp      !! the first step [s]
-    real(wp) :: hopeless = 0.0_wp   !! steps in a row
+    real(wp) :: hopeless = 0.0_wp   !! steps in a row [-]
   contains
     procedure :: look => watch_look
   end type step_watch_t

@@ -79,8 +79,8 @@ contains
 
   pure subroutine stretch_domains(model)
     !! Half domains of the particles: the first one times |F_aa|, within limits and what patches
-    !! of three nodes hold (cpGIMP: Wallstedt & Guilkey 2008; the corners stay along the axes:
-    !! Charlton et al. 2017).
+    !! of three nodes hold (cpGIMP: [Wallstedt2008]; the corners stay along the axes:
+    !! [Charlton2017]).
     type(model_t), intent(inout) :: model
     real(wp) :: stretch
     integer :: a, p

@@ -33,9 +33,9 @@ module dosui_total_lagrangian
     real(wp), allocatable :: displacement(:, :)           !! of the particles [m]
     real(wp), allocatable :: surface_displacement(:, :)   !! of the surface points [m]
     real(wp), allocatable :: surface_deformation(:, :)    !! likewise (ndim*ndim, points) [-]
-    real(wp), allocatable :: volume(:), porosity(:), mass(:)
+    real(wp), allocatable :: volume(:), porosity(:), mass(:)   !! [m3], [-], [kg]
     real(wp), allocatable :: stress(:, :)                 !! effective [Pa]
-    real(wp), allocatable :: state(:, :)                  !! of the materials
+    real(wp), allocatable :: state(:, :)                  !! of the materials [units of the states]
   contains
     procedure :: linearise => lagrangian_linearise
     procedure :: take_start => lagrangian_take_start

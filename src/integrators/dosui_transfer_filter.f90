@@ -3,8 +3,8 @@
 !! A particle keeps the share exp(-dt/tau) of the velocity that the nodes do not see. tau belongs to
 !! the soil and the grid, not to the step: filtering once a step, as PIC and APIC do, makes losses
 !! that grow with the number of steps. tau = 2 h/c_s is where run-outs no longer change and the
-!! noise that is left is a few per cent (docs/theory.md). Soils without stiffness have what falls by
-!! a cell: sqrt(h/g)/3.
+!! noise that is left is a few per cent (docs/theory/skeleton.md). Soils without stiffness have what
+!! falls by a cell: sqrt(h/g)/3.
 module dosui_transfer_filter
   use dosui_kinds, only: wp
   use dosui_dimension, only: nsig

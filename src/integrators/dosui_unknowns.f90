@@ -329,8 +329,8 @@ contains
     !! Collective.
     class(unknowns_t), intent(in) :: self
     type(model_t), intent(inout) :: model
-    real(wp), intent(in) :: rows(:)            !! (n_u)
-    real(wp), intent(inout) :: motion(:, :)    !! (ndim, n_node)
+    real(wp), intent(in) :: rows(:)            !! (n_u) [m or any unit of a motion]
+    real(wp), intent(inout) :: motion(:, :)    !! (ndim, n_node) [unit of the rows]
     real(wp), allocatable :: plate(:)
     integer :: k, a, node, slot, first
 
@@ -360,8 +360,8 @@ contains
   pure subroutine unknowns_to_unknowns(self, motion, rows)
     !! This rank's rows that stand for given nodal values; held components have none.
     class(unknowns_t), intent(in) :: self
-    real(wp), intent(in) :: motion(:, :)    !! (ndim, n_node)
-    real(wp), intent(inout) :: rows(:)      !! (n_u)
+    real(wp), intent(in) :: motion(:, :)    !! (ndim, n_node) [m or any unit of a motion]
+    real(wp), intent(inout) :: rows(:)      !! (n_u) [unit of the motion]
     integer :: k, a, node
 
     do k = 1, size(self%own_node)

@@ -26,7 +26,7 @@ contains
     !! heads and surface data at hand; then what flows in or out, whatever its sign [m3/s].
     type(model_t), intent(in) :: model
     real(wp), intent(in) :: supply    !! from sources, all of this rank's particles [m3/s]
-    real(wp), intent(out) :: rate(:)  !! (conditions + 2)
+    real(wp), intent(out) :: rate(:)  !! (conditions + 2) [m3/s]
     real(wp) :: flux(model%surface_flux%n)
     integer :: p, e, c, gross
 
@@ -62,7 +62,7 @@ contains
   subroutine surface_values(model, values)
     !! Outward fluxes [m/s] and heads [m] of the pairs of surface points and particles.
     type(model_t), intent(in) :: model
-    real(wp), intent(out) :: values(:)
+    real(wp), intent(out) :: values(:)   !! (pairs) [m/s or m]
 
     if (model%unsaturated) then
       call model%surface_flux%apply(model%head_operator, model%head, &
@@ -122,7 +122,7 @@ contains
     !! `n_scale` of the error: gross flow through surfaces and within the body, square of the noise
     !! [m3, m3, m6], over all ranks. Collective.
     type(model_t), intent(in) :: model
-    real(wp), allocatable, intent(out) :: sums(:)
+    real(wp), allocatable, intent(out) :: sums(:)   !! volumes [m3], at last the square of one [m6]
 
     associate (balance => model%balance, n => size(model%balance%inflow) - 1)
       sums = [balance%stored, sum(balance%inflow(:n)), balance%squeezed, balance%inflow(:n), &
@@ -133,7 +133,7 @@ contains
 
   pure real(wp) function balance_error(sums) result(error)
     !! What is missing in stored = inflow + squeezed, relative to the gross flow [-].
-    real(wp), intent(in) :: sums(:)   !! as from `balance_sums`
+    real(wp), intent(in) :: sums(:)   !! as from `balance_sums` [m3], [m6]
     real(wp) :: missing
 
     missing = abs(sums(1) - sums(2) - sums(3))
@@ -143,7 +143,7 @@ contains
 
   pure real(wp) function balance_noise(sums) result(noise)
     !! Volumes that are round-off only [m3].
-    real(wp), intent(in) :: sums(:)   !! as from `balance_sums`
+    real(wp), intent(in) :: sums(:)   !! as from `balance_sums` [m3], [m6]
 
     noise = sqrt(sums(size(sums)))
   end function balance_noise

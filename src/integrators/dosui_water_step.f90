@@ -30,7 +30,7 @@ contains
   subroutine surface_elevation(model, elevation)
     !! Elevation of all surface points, ghosts too [m].
     type(model_t), intent(in) :: model
-    real(wp), allocatable, intent(out) :: elevation(:)
+    real(wp), allocatable, intent(out) :: elevation(:)   !! (points) [m]
     integer :: p, handle
 
     handle = merge(model%s%position_at_build, model%s%position, model%finite)
@@ -94,7 +94,7 @@ contains
   subroutine head_of_particles(model, head)
     !! Total head h = u/gamma_w + e of owned particles and ghosts [m].
     type(model_t), intent(inout) :: model
-    real(wp), allocatable, intent(out) :: head(:)
+    real(wp), allocatable, intent(out) :: head(:)   !! (particles and ghosts) [m]
     integer :: n
 
     n = model%particles%count
@@ -118,7 +118,7 @@ contains
     !! Inflow per volume -div w of owned particles at given pressures [1/s].
     type(model_t), intent(inout) :: model
     real(wp), intent(in) :: pressure(:)     !! [Pa]
-    real(wp), intent(inout) :: rate(:)
+    real(wp), intent(inout) :: rate(:)   !! (particles) [1/s]
     real(wp), allocatable :: flux(:, :)
 
     call prepare_flow(model, pressure)
@@ -180,7 +180,7 @@ contains
     type(model_t), intent(inout) :: model
     real(wp), intent(in) :: time          !! of the surfaces' heads and fluxes [s]
     real(wp), intent(in) :: pressure(:)   !! [Pa]
-    real(wp), intent(out) :: flow(:)
+    real(wp), intent(out) :: flow(:)   !! (particles) [m3/s]
     real(wp), intent(out), optional :: inflow(:)    !! through surfaces, for the balance [m3/s]
     real(wp) :: through(size(model%balance%inflow))
 
@@ -353,7 +353,7 @@ contains
     !! Darcy velocity of owned particles for output, from first-order MLS gradients of the head
     !! that see the surfaces' heads and fluxes [m/s].
     type(model_t), intent(inout) :: model
-    real(wp), allocatable, intent(out) :: flux(:, :)   !! (ndim, n)
+    real(wp), allocatable, intent(out) :: flux(:, :)   !! (ndim, n) [m/s]
     real(wp), allocatable :: head(:), conductivity(:), soil(:), point_soil(:)
     integer :: particle_place, surface_place   ! handles of positions
     integer :: n

@@ -97,7 +97,7 @@ contains
     class(checkpoint_writer_t), intent(in) :: self
     type(communicator_t), intent(in) :: comm
     character(len=*), intent(in) :: name
-    real(wp), intent(in) :: values(:)
+    real(wp), intent(in) :: values(:)   !! [any unit]
     type(error_t), intent(inout) :: err
     integer(hid_t) :: dataset
 
@@ -113,7 +113,7 @@ contains
     class(checkpoint_writer_t), intent(in) :: self
     type(communicator_t), intent(in) :: comm
     character(len=*), intent(in) :: name
-    real(wp), intent(in) :: values(:)
+    real(wp), intent(in) :: values(:)   !! [any unit]
     type(error_t), intent(inout) :: err
     integer(hid_t) :: dataset
 
@@ -248,7 +248,7 @@ contains
     class(checkpoint_reader_t), intent(in) :: self
     type(communicator_t), intent(in) :: comm
     character(len=*), intent(in) :: name
-    real(wp), allocatable, intent(out) :: values(:)
+    real(wp), allocatable, intent(out) :: values(:)   !! [any unit]
     type(error_t), intent(inout) :: err
     integer(hid_t) :: dataset
     integer(i8) :: n_row
@@ -276,7 +276,7 @@ contains
     class(checkpoint_reader_t), intent(in) :: self
     type(communicator_t), intent(in) :: comm
     character(len=*), intent(in) :: name
-    real(wp), allocatable, intent(out) :: values(:)
+    real(wp), allocatable, intent(out) :: values(:)   !! [any unit]
     type(error_t), intent(inout) :: err
     real(wp), allocatable :: all_values(:), table(:, :)
     integer :: n

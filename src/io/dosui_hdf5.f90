@@ -419,7 +419,7 @@ contains
     integer(hid_t), intent(in) :: dataset
     integer(i8), intent(in) :: first_row
     integer, intent(in) :: n
-    real(wp), intent(in), target :: values(n)
+    real(wp), intent(in), target :: values(n)   !! [any unit]
     type(error_t), intent(inout) :: err
     integer :: i, m
 
@@ -434,7 +434,7 @@ contains
     integer(hid_t), intent(in) :: dataset
     integer(i8), intent(in) :: first_row
     integer, intent(in) :: width, n
-    real(wp), intent(in), target :: values(width, n)
+    real(wp), intent(in), target :: values(width, n)   !! [any unit]
     type(error_t), intent(inout) :: err
     integer :: i, m, step
 
@@ -481,7 +481,7 @@ contains
     integer(hid_t), intent(in) :: dataset
     integer(i8), intent(in) :: first_row
     integer, intent(in) :: n
-    real(wp), intent(inout), target :: values(n)
+    real(wp), intent(inout), target :: values(n)   !! [any unit]
     type(error_t), intent(inout) :: err
     integer :: i, m
 
@@ -496,7 +496,7 @@ contains
     integer(hid_t), intent(in) :: dataset
     integer(i8), intent(in) :: first_row
     integer, intent(in) :: width, n
-    real(wp), intent(inout), target :: values(width, n)
+    real(wp), intent(inout), target :: values(width, n)   !! [any unit]
     type(error_t), intent(inout) :: err
     integer :: i, m, step
 

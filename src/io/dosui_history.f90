@@ -14,7 +14,7 @@ module dosui_history
     !! All ranks know the columns; only root appends rows. The first column should be 'time'.
     type(history_column_t), allocatable :: column(:)
     integer :: n_row = 0                    !! rows waiting to be written
-    real(wp), allocatable :: value(:, :)    !! (column, row), at least n_row rows
+    real(wp), allocatable :: value(:, :)    !! (column, row >= n_row) [units of the columns]
   contains
     procedure :: add_column => history_add_column
     procedure :: n_column => history_n_column
@@ -64,7 +64,7 @@ contains
   subroutine history_append(self, row)
     !! Adds a row. Call on root only.
     class(history_t), intent(inout) :: self
-    real(wp), intent(in) :: row(:)   !! one value a column, in the columns' units
+    real(wp), intent(in) :: row(:)   !! one value a column [unit of the column]
     real(wp), allocatable :: longer(:, :)
     integer :: capacity
 

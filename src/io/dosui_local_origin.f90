@@ -33,7 +33,7 @@ contains
   pure subroutine scene_bounds(scene, low, high)
     !! Bounds of all regions [m].
     type(scene_t), intent(in) :: scene
-    real(wp), intent(out) :: low(ndim), high(ndim)
+    real(wp), intent(out) :: low(ndim), high(ndim)   !! [m]
     real(wp) :: lowest(ndim), highest(ndim)
     integer :: r
 
@@ -74,7 +74,7 @@ contains
 
   pure elemental real(wp) function distance_from(origin, coordinate) result(distance)
     !! A coordinate as seen from an origin; 'no limit' (huge) stays so [m].
-    real(wp), intent(in) :: origin, coordinate
+    real(wp), intent(in) :: origin, coordinate   !! [m]
 
     distance = coordinate
     if (.not. abs(origin) > 0.0_wp .or. abs(coordinate) >= huge(1.0_wp)) return

@@ -237,7 +237,7 @@ contains
   pure subroutine value_to_real(self, x, reason)
     !! The value as a real; the reason is '' if it is one, and x is left alone if it is none.
     class(namelist_value_t), intent(in) :: self
-    real(wp), intent(inout) :: x
+    real(wp), intent(inout) :: x   !! [any unit]
     character(len=:), allocatable, intent(out) :: reason
 
     if (self%is_quoted) then

@@ -199,7 +199,8 @@ contains
     integer, intent(in) :: n                 !! points of this rank, may be 0
     integer(i8), intent(in) :: id(n)         !! global, unique
     real(wp), intent(in) :: points(3, n)     !! positions, unused coordinates 0 [m]
-    real(wp), intent(in) :: values(:, :)     !! (sum of the fields' components, n), fields in order
+    real(wp), intent(in) :: values(:, :)
+    !! (sum of the fields' components, n), fields in order [unit of the field]
     type(error_t), intent(inout) :: err
     real(wp), allocatable :: field(:, :)
     logical :: is_new
@@ -261,7 +262,7 @@ contains
     integer, intent(in) :: number            !! of the field in the layout
     integer, intent(in) :: n                 !! points of this rank
     real(wp), allocatable, intent(inout) :: values(:, :)
-    !! (components, n), in the order of begin_step; used up
+    !! (components, n), in the order of begin_step; used up [unit of the field]
     type(error_t), intent(inout) :: err
 
     call write_columns(comm, self%field(number), self%plan%first_row, &

@@ -28,7 +28,7 @@ module dosui_scene
   type, public :: table_t
     !! A function of time: linear between entries, constant before the first and after the last.
     real(wp), allocatable :: time(:)    !! strictly increasing [s]
-    real(wp), allocatable :: value(:)   !! same length, unit of the quantity
+    real(wp), allocatable :: value(:)   !! same length [unit of the quantity]
   contains
     procedure :: at => table_at
     procedure :: integral => table_integral
@@ -165,7 +165,7 @@ module dosui_scene
     !! A half-space that bodies do not enter.
     character(len=name_length) :: name = ''
     real(wp) :: position(ndim) = 0.0_wp              !! a point of its plane [m]
-    real(wp) :: normal(ndim) = 0.0_wp                !! from the wall to the bodies, any length
+    real(wp) :: normal(ndim) = 0.0_wp                !! from the wall to the bodies, any length [-]
     character(len=name_length) :: kind = 'frictional'   !! or 'rough'
     real(wp) :: friction = 0.0_wp                    !! coefficient [-]
   contains
@@ -186,7 +186,8 @@ module dosui_scene
   type, public :: mechanical_condition_t
     character(len=name_length) :: surface = ''
     character(len=name_length) :: kind = ''
-    !! 'roller', 'fixed', 'velocity', 'traction', 'pressure', 'reservoir', 'absorbing' or 'plate'
+    !! 'roller', 'fixed', 'velocity', 'normal_velocity', 'traction', 'pressure', 'reservoir',
+    !! 'absorbing' or 'plate'
     character(len=name_length) :: imposition = 'auto'   !! 'nodes', 'penalty' or 'auto'
     real(wp) :: value(ndim) = 0.0_wp
     !! velocity [m/s]; traction [Pa]; pressure: first component, positive into the body [Pa];
@@ -273,7 +274,7 @@ module dosui_scene
     character(len=:), allocatable :: directory       !! default: working directory
     real(wp) :: history_interval = 0.0_wp            !! [s]; 0: every step, explicit 1000 in all
     integer(i8) :: checkpoint_steps = 0_i8           !! 0: off
-    real(wp) :: checkpoint_minutes = 0.0_wp          !! 0: off
+    real(wp) :: checkpoint_minutes = 0.0_wp          !! 0: off [min]
     logical :: checkpoint_at_outputs = .false.       !! one each, all of them kept
     real(wp) :: progress_seconds = 5.0_wp            !! wall time between progress lines [s]
   end type output_t
@@ -281,7 +282,7 @@ module dosui_scene
   type, public :: verification_t
     !! Exact solution that the postprocessing compares with, and what it needs beside the scene.
     character(len=name_length) :: case = ''
-    !! '', 'terzaghi', 'mandel', 'hydrostatic', 'bar' or 'drainage'
+    !! '', 'terzaghi', 'mandel', 'cryer', 'de_leeuw', 'hydrostatic', 'bar' or 'drainage'
     real(wp) :: load = 0.0_wp                        !! q [Pa] or F [N/m]
     real(wp) :: length = 0.0_wp                      !! drainage length H or half width a [m]
     real(wp) :: drained(ndim) = 0.0_wp               !! a point of the drained surface [m]
@@ -306,9 +307,9 @@ module dosui_scene
     real(wp) :: grid_origin(ndim) = 0.0_wp           !! a node of the grid [m]
     real(wp) :: grid_period(ndim) = 0.0_wp           !! the grid repeats after it; 0: never [m]
     character(len=name_length) :: shape_function = 'auto'
-    !! 'linear', 'gimp', 'bspline' or 'auto': see `shape_function_in_force`
+    !! 'linear', 'gimp', 'cpgimp', 'bspline' or 'auto': see `shape_function_in_force`
     real(wp) :: domain_min(ndim) = -huge(1.0_wp)     !! particles outside have left [m]
-    real(wp) :: domain_max(ndim) = huge(1.0_wp)
+    real(wp) :: domain_max(ndim) = huge(1.0_wp)      !! likewise [m]
     real(wp) :: local_origin(ndim) = 0.0_wp
     !! what coordinates of scene and model count from: 0 unless the bodies are far away; places in
     !! files, formulas and messages add it [m]
@@ -353,7 +354,7 @@ contains
   end subroutine pattern_prepare
 
   pure real(wp) function pattern_at(self, time, position) result(factor)
-    !! The factor on a value at a time and a place.
+    !! The factor on a value at a time and a place [-].
     class(pattern_t), intent(in) :: self
     real(wp), intent(in) :: time             !! [s]
     real(wp), intent(in) :: position(ndim)   !! [m]
@@ -367,7 +368,7 @@ contains
   pure function scene_shape_function_in_force(self) result(name)
     !! The shape function, 'auto' resolved: particles that cross cells need a smooth one.
     class(scene_t), intent(in) :: self
-    character(len=name_length) :: name   !! 'linear', 'gimp' or 'bspline'
+    character(len=name_length) :: name   !! 'linear', 'gimp', 'cpgimp' or 'bspline'
 
     name = self%shape_function
     if (name == 'auto') name = merge('gimp  ', 'linear', self%deformation == 'updated')
@@ -536,7 +537,8 @@ contains
   end function hydraulic_condition_may_switch
 
   pure real(wp) function hydraulic_condition_value_at(self, time, position) result(value)
-    !! What it prescribes at a time and a place; heads and levels as the model counts them.
+    !! What it prescribes at a time and a place; heads and levels as the model counts them
+    !! [m, Pa or m/s, by its kind].
     class(hydraulic_condition_t), intent(in) :: self
     real(wp), intent(in) :: time             !! [s]
     real(wp), intent(in) :: position(ndim)   !! [m]
@@ -545,7 +547,7 @@ contains
   end function hydraulic_condition_value_at
 
   pure real(wp) function hydraulic_condition_uniform_value_at(self, time) result(value)
-    !! Likewise where no formula varies it in space.
+    !! Likewise where no formula varies it in space [m, Pa or m/s, by its kind].
     class(hydraulic_condition_t), intent(in) :: self
     real(wp), intent(in) :: time   !! [s]
 
@@ -553,7 +555,8 @@ contains
   end function hydraulic_condition_uniform_value_at
 
   pure real(wp) function table_at(self, time) result(value)
-    !! Value of the table at a time; 1 for an empty table, so that it can be a factor.
+    !! Value of the table at a time; 1 for an empty table, so that it can be a factor
+    !! [unit of the quantity].
     class(table_t), intent(in) :: self
     real(wp), intent(in) :: time   !! [s]
     integer :: k, n

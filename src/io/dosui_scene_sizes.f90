@@ -34,13 +34,13 @@ module dosui_scene_sizes
 
   type, public :: scene_sizes_t
     !! Counts, and sizes in bytes.
-    real(wp) :: particles = 0.0_wp, surface_points = 0.0_wp
-    real(wp) :: sites = 0.0_wp          !! of lattices that are asked whether they lie in a body
-    real(wp) :: cells = 0.0_wp
-    real(wp) :: memory = 0.0_wp         !! of all ranks together
-    real(wp) :: outputs = 0.0_wp        !! the start included
-    real(wp) :: rows = 0.0_wp           !! of histories
-    real(wp) :: result_bytes = 0.0_wp, history_bytes = 0.0_wp, checkpoint_bytes = 0.0_wp
+    real(wp) :: particles = 0.0_wp, surface_points = 0.0_wp   !! [-]
+    real(wp) :: sites = 0.0_wp          !! of lattices that are asked whether they lie in a body [-]
+    real(wp) :: cells = 0.0_wp          !! [-]
+    real(wp) :: memory = 0.0_wp         !! of all ranks together [B]
+    real(wp) :: outputs = 0.0_wp        !! the start included [-]
+    real(wp) :: rows = 0.0_wp           !! of histories [-]
+    real(wp) :: result_bytes = 0.0_wp, history_bytes = 0.0_wp, checkpoint_bytes = 0.0_wp   !! [B]
   contains
     procedure :: disk => scene_sizes_disk
   end type scene_sizes_t
@@ -92,7 +92,7 @@ contains
     !! Particles of a region, and the sites of its lattice that are looked at to find them.
     type(scene_t), intent(in) :: scene
     type(region_t), intent(in) :: region
-    real(wp), intent(out) :: particles, sites
+    real(wp), intent(out) :: particles, sites   !! numbers, which integers may not hold [-]
     real(wp) :: low(ndim), high(ndim), spacing
 
     sites = 0.0_wp

@@ -1,10 +1,10 @@
-!! Modified Cam-clay (Roscoe & Burland 1968): q^2/M^2 + p (p - p_c) <= 0, associated.
+!! Modified Cam-clay [Roscoe1968]: q^2/M^2 + p (p - p_c) <= 0, associated.
 !!
 !! p and p_c are compression positive here. Elastic stiffness K = v (p + p_a)/kappa, with a small
 !! p_a so that soil without stress keeps some; G follows from K at the start of a step and
 !! Poisson's ratio. Volumes are integrated exactly: p + p_a grows by exp(v/kappa de), p_c by
 !! exp(v/(lambda - kappa) de_p), v the specific volume at the step's start. Return mapping by
-!! Newton's iterations for the plastic volume strain and the multiplier (Borja & Lee 1990); where
+!! Newton's iterations for the plastic volume strain and the multiplier [Borja1990]; where
 !! these fail (soil with almost no p_c, increments that would multiply p), by bisection.
 module dosui_cam_clay
   use dosui_kinds, only: wp
@@ -176,7 +176,7 @@ contains
     class(cam_clay_t), intent(in) :: self
     real(wp), intent(in) :: porosity          !! [-]
     real(wp), intent(in) :: stress(nsig)      !! effective, tension positive [Pa]
-    real(wp), intent(inout) :: state(:)
+    real(wp), intent(inout) :: state(:)   !! [units of `state_units`]
     real(wp) :: mean, deviator(nsig), length, p
 
     call deviator_of(stress, mean, deviator, length)
@@ -197,11 +197,11 @@ contains
     !! point as it is, where pores close or stresses grow without end.
     class(cam_clay_t), intent(in) :: self
     integer, intent(in) :: n
-    real(wp), intent(in) :: strain_increment(nsig, n)
-    real(wp), intent(inout) :: stress(nsig, n)
-    real(wp), intent(inout) :: state(:, :)
+    real(wp), intent(in) :: strain_increment(nsig, n)   !! tension positive, 2 x shear [-]
+    real(wp), intent(inout) :: stress(nsig, n)   !! effective, tension positive [Pa]
+    real(wp), intent(inout) :: state(:, :)   !! (n_state, n) [units of `state_units`]
     type(error_t), intent(inout) :: err
-    real(wp), intent(out), optional :: tangent(nsig, nsig, n)
+    real(wp), intent(out), optional :: tangent(nsig, nsig, n)   !! for 2 x shear [Pa]
     type(point_t) :: point
     type(return_t) :: to
     real(wp) :: deviator(nsig), length, ratio, volume
@@ -478,9 +478,9 @@ contains
   subroutine cam_clay_elastic_tangent(self, stress, state, tangent)
     !! The elastic matrix at a stress.
     class(cam_clay_t), intent(in) :: self
-    real(wp), intent(in) :: stress(nsig)
-    real(wp), intent(in) :: state(:)
-    real(wp), intent(out) :: tangent(nsig, nsig)
+    real(wp), intent(in) :: stress(nsig)   !! effective, tension positive [Pa]
+    real(wp), intent(in) :: state(:)   !! [units of `state_units`]
+    real(wp), intent(out) :: tangent(nsig, nsig)   !! for 2 x shear [Pa]
     real(wp) :: bulk, shear
 
     bulk = state(specific_volume)/self%swelling*(self%least_pressure + &

@@ -1,9 +1,10 @@
-!! The sand model of Dafalias & Manzari (2004): stress-ratio plasticity with a critical state,
-!! bounding and dilatancy surfaces, and a fabric tensor that dilation builds and reversals feel.
+!! The sand model of Dafalias & Manzari [Dafalias2004]: stress-ratio plasticity with a critical
+!! state, bounding and dilatancy surfaces, and a fabric tensor that dilation builds and reversals
+!! feel.
 !!
 !! In this module stresses and strains are compression positive and shear strains are tensor
 !! components. Within an increment, sub-steps of 2^-k of it keep the error of modified Euler's rule
-!! below a tolerance (Sloan et al. 2001); since sizes are powers of two, stresses are smooth
+!! below a tolerance [Sloan2001]; since sizes are powers of two, stresses are smooth
 !! functions of the increment but for rare jumps of the size of the error. An elastic part of a
 !! sub-step ends where it meets the yield surface. Afterwards the thin yield surface is put back
 !! around the stress (drift). The mean stress never falls below `smallest_pressure`; there the
@@ -260,7 +261,7 @@ contains
     class(dafalias_manzari_t), intent(in) :: self
     real(wp), intent(in) :: porosity          !! [-]
     real(wp), intent(in) :: stress(nsig)      !! effective, tension positive [Pa]
-    real(wp), intent(inout) :: state(:)
+    real(wp), intent(inout) :: state(:)   !! [units of `state_units`]
     real(wp) :: r(nsig), p, length, bound
 
     state(void_ratio) = porosity/(1.0_wp - porosity)
@@ -282,11 +283,11 @@ contains
     !! close and for increments far beyond small strains.
     class(dafalias_manzari_t), intent(in) :: self
     integer, intent(in) :: n
-    real(wp), intent(in) :: strain_increment(nsig, n)
-    real(wp), intent(inout) :: stress(nsig, n)
-    real(wp), intent(inout) :: state(:, :)
+    real(wp), intent(in) :: strain_increment(nsig, n)   !! tension positive, 2 x shear [-]
+    real(wp), intent(inout) :: stress(nsig, n)   !! effective, tension positive [Pa]
+    real(wp), intent(inout) :: state(:, :)   !! (n_state, n) [units of `state_units`]
     type(error_t), intent(inout) :: err
-    real(wp), intent(out), optional :: tangent(nsig, nsig, n)
+    real(wp), intent(out), optional :: tangent(nsig, nsig, n)   !! for 2 x shear [Pa]
     type(point_t) :: before, point
     type(plan_t) :: plan
     real(wp) :: strain(nsig), volume
@@ -810,9 +811,9 @@ contains
   subroutine dafalias_manzari_elastic_tangent(self, stress, state, tangent)
     !! The elastic matrix at a stress.
     class(dafalias_manzari_t), intent(in) :: self
-    real(wp), intent(in) :: stress(nsig)
-    real(wp), intent(in) :: state(:)
-    real(wp), intent(out) :: tangent(nsig, nsig)
+    real(wp), intent(in) :: stress(nsig)   !! effective, tension positive [Pa]
+    real(wp), intent(in) :: state(:)   !! [units of `state_units`]
+    real(wp), intent(out) :: tangent(nsig, nsig)   !! for 2 x shear [Pa]
     real(wp) :: p, r(nsig), bulk, shear
 
     call split(self, -stress, p, r)

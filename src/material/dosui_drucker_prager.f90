@@ -1,13 +1,13 @@
-!! Drucker-Prager plasticity with a tension cut-off:
+!! Drucker-Prager plasticity [Drucker1952] with a tension cut-off:
 !!
 !!     sqrt(J2) + eta m <= xi c,   m <= m_t          (m: mean stress, tension positive)
 !!
 !! eta and xi fit the cone to Mohr-Coulomb's planes: at triaxial compression, at triaxial extension,
-!! or for plane strain (de Souza Neto et al. 2008, ch. 6).
+!! or for plane strain [deSouzaNeto2008, ch. 6].
 !!
 !! Soil whose m_t is zero remembers by how much its volume opens at the cut-off, and carries no
 !! pressure before that has closed: the opened volume is a strain that the next elastic trial still
-!! has (Tampubolon2017).
+!! has [Tampubolon2017].
 module dosui_drucker_prager
   use dosui_kinds, only: wp
   use dosui_dimension, only: nsig
@@ -168,11 +168,11 @@ contains
     !! Stresses after strain increments, and their consistent tangents. Numbers cannot fail.
     class(drucker_prager_t), intent(in) :: self
     integer, intent(in) :: n
-    real(wp), intent(in) :: strain_increment(nsig, n)
-    real(wp), intent(inout) :: stress(nsig, n)
-    real(wp), intent(inout) :: state(:, :)
+    real(wp), intent(in) :: strain_increment(nsig, n)   !! tension positive, 2 x shear [-]
+    real(wp), intent(inout) :: stress(nsig, n)   !! effective, tension positive [Pa]
+    real(wp), intent(inout) :: state(:, :)   !! (n_state, n) [units of `state_units`]
     type(error_t), intent(inout) :: err
-    real(wp), intent(out), optional :: tangent(nsig, nsig, n)
+    real(wp), intent(out), optional :: tangent(nsig, nsig, n)   !! for 2 x shear [Pa]
     real(wp) :: elastic(nsig, nsig), deviator(nsig), trial_mean, trial_length, mean, length
     real(wp) :: of_mean(2), of_length(2), bulk, multiplier, new(nsig)
     integer :: p

@@ -106,9 +106,9 @@ contains
   subroutine isotropic_model_elastic_tangent(self, stress, state, tangent)
     !! The elastic matrix, the same at every stress.
     class(isotropic_model_t), intent(in) :: self
-    real(wp), intent(in) :: stress(nsig)
-    real(wp), intent(in) :: state(:)
-    real(wp), intent(out) :: tangent(nsig, nsig)
+    real(wp), intent(in) :: stress(nsig)   !! effective, tension positive [Pa]
+    real(wp), intent(in) :: state(:)   !! [units of `state_units`]
+    real(wp), intent(out) :: tangent(nsig, nsig)   !! for 2 x shear [Pa]
 
     tangent = 0.0_wp
     if (size(stress) + size(state) < nsig) return   ! it depends on neither

@@ -39,11 +39,11 @@ contains
     !! Adds the stress increments of a batch of points; needs no state. Numbers cannot fail.
     class(linear_elastic_t), intent(in) :: self
     integer, intent(in) :: n
-    real(wp), intent(in) :: strain_increment(nsig, n)
-    real(wp), intent(inout) :: stress(nsig, n)
-    real(wp), intent(inout) :: state(:, :)
+    real(wp), intent(in) :: strain_increment(nsig, n)   !! tension positive, 2 x shear [-]
+    real(wp), intent(inout) :: stress(nsig, n)   !! effective, tension positive [Pa]
+    real(wp), intent(inout) :: state(:, :)   !! (n_state, n) [units of `state_units`]
     type(error_t), intent(inout) :: err
-    real(wp), intent(out), optional :: tangent(nsig, nsig, n)
+    real(wp), intent(out), optional :: tangent(nsig, nsig, n)   !! for 2 x shear [Pa]
     integer :: p
 
     if (present(tangent)) tangent = spread(elastic_matrix(self%lambda, self%shear), 3, n)

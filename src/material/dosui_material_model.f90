@@ -105,7 +105,7 @@ module dosui_material_model
       integer, intent(in) :: n                              !! points
       real(wp), intent(in) :: strain_increment(nsig, n)     !! tension positive, 2 x shear [-]
       real(wp), intent(inout) :: stress(nsig, n)            !! effective, tension positive [Pa]
-      real(wp), intent(inout) :: state(:, :)                !! (n_state, n) of the model
+      real(wp), intent(inout) :: state(:, :)   !! (n_state, n) of the model [units of `state_units`]
       type(error_t), intent(inout) :: err
       real(wp), intent(out), optional :: tangent(nsig, nsig, n)
       !! derivative of the new stress with respect to the increment, 2 x shear [Pa]
@@ -117,7 +117,7 @@ module dosui_material_model
       implicit none
       class(material_model_t), intent(in) :: self
       real(wp), intent(in) :: stress(nsig)             !! effective, tension positive [Pa]
-      real(wp), intent(in) :: state(:)                 !! of the model, more may follow
+      real(wp), intent(in) :: state(:)   !! of the model, more may follow [units of `state_units`]
       real(wp), intent(out) :: tangent(nsig, nsig)     !! for 2 x shear strains [Pa]
     end subroutine elastic_tangent_interface
 
@@ -144,7 +144,7 @@ contains
     character(len=*), intent(in) :: what       !! the model and what happened
     real(wp), intent(in) :: strain(nsig)       !! increment, 2 x shear [-]
     real(wp), intent(in) :: stress(nsig)       !! before, effective, tension positive [Pa]
-    real(wp), intent(in) :: state(:)           !! before; more may follow
+    real(wp), intent(in) :: state(:)           !! before; more may follow [units of `state_units`]
     type(error_t), intent(inout) :: err
     character(len=:), allocatable :: text
     integer :: k
@@ -455,7 +455,7 @@ contains
     class(material_model_t), intent(in) :: self
     real(wp), intent(in) :: porosity          !! [-]
     real(wp), intent(in) :: stress(nsig)      !! effective, tension positive [Pa]
-    real(wp), intent(inout) :: state(:)       !! own ones
+    real(wp), intent(inout) :: state(:)   !! own ones [units of `state_units`]
 
     state = 0.0_wp
     associate (not_used => self%band_width + porosity + stress(1))

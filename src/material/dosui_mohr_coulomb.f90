@@ -6,11 +6,11 @@
 !! With s1 >= s2 >= s3, tension positive. Plastic flow of the shear planes follows the dilation
 !! angle, that of the cut-off is associated. Which planes are active is found by trying them: as
 !! elasticity and planes are linear, one solution has no negative multiplier and breaks no plane
-!! (Clausen et al. 2006 do the same with geometry). The likely ones come first. Cohesion and angles
+!! ([Clausen2006] do the same with geometry). The likely ones come first. Cohesion and angles
 !! follow the plastic shear strain at the start of the step. phi = 0 is Tresca's material.
 !!
 !! Soil without any tensile strength (cut-off at zero) that comes apart remembers by how much its
-!! volume has opened: it carries nothing before that has closed (Tampubolon2017). The opened
+!! volume has opened: it carries nothing before that has closed [Tampubolon2017]. The opened
 !! volume is a strain that the next elastic trial still has.
 module dosui_mohr_coulomb
   use dosui_kinds, only: wp
@@ -198,11 +198,11 @@ contains
     !! Stresses after strain increments, and their consistent tangents.
     class(mohr_coulomb_t), intent(in) :: self
     integer, intent(in) :: n
-    real(wp), intent(in) :: strain_increment(nsig, n)
-    real(wp), intent(inout) :: stress(nsig, n)
-    real(wp), intent(inout) :: state(:, :)
+    real(wp), intent(in) :: strain_increment(nsig, n)   !! tension positive, 2 x shear [-]
+    real(wp), intent(inout) :: stress(nsig, n)   !! effective, tension positive [Pa]
+    real(wp), intent(inout) :: state(:, :)   !! (n_state, n) [units of `state_units`]
     type(error_t), intent(inout) :: err
-    real(wp), intent(out), optional :: tangent(nsig, nsig, n)
+    real(wp), intent(out), optional :: tangent(nsig, nsig, n)   !! for 2 x shear [Pa]
     real(wp) :: elastic(nsig, nsig), trial(3), vector(3, 3), value(3), strain(3), inverse(3, 3)
     real(wp) :: bulk, new(nsig)
     type(planes_t) :: planes

@@ -33,8 +33,9 @@ contains
   pure subroutine principal_stresses(stress, value, vector)
     !! Principal values, largest (most tensile) first, and their directions, by Jacobi's rotations.
     real(wp), intent(in) :: stress(nsig)
-    real(wp), intent(out) :: value(3)
-    real(wp), intent(out) :: vector(3, 3)   !! (component, direction)
+    !! or any symmetric tensor of single shears [Pa or any unit]
+    real(wp), intent(out) :: value(3)   !! [unit of the stress]
+    real(wp), intent(out) :: vector(3, 3)   !! (component, direction) [-]
     real(wp) :: a(3, 3), column(3), t, c, s, h
     integer :: i, j, k, m, sweep
 
@@ -124,8 +125,8 @@ contains
   end subroutine put_in_order
 
   pure function stress_from_principal(value, vector) result(stress)
-    !! The stress with given principal values and directions.
-    real(wp), intent(in) :: value(3), vector(3, 3)
+    !! The stress with given principal values and directions [unit of the values].
+    real(wp), intent(in) :: value(3), vector(3, 3)   !! [Pa or any unit], (component, direction) [-]
     real(wp) :: stress(nsig)
     integer :: m, k
 
@@ -140,9 +141,10 @@ contains
 
   pure function tangent_from_principal(trial, vector, value, derivative, elastic) result(tangent)
     !! Derivative of the stress with respect to the strain (twice the shear): the derivative of the
-    !! principal values, and the turning of their directions (de Souza Neto et al. 2008, app. A).
+    !! principal values, and the turning of their directions [deSouzaNeto2008, app. A]
+    !! [Pa].
     real(wp), intent(in) :: trial(3)                 !! principal trial stresses [Pa]
-    real(wp), intent(in) :: vector(3, 3)             !! their directions
+    real(wp), intent(in) :: vector(3, 3)             !! their directions [-]
     real(wp), intent(in) :: value(3)                 !! principal stresses [Pa]
     real(wp), intent(in) :: derivative(3, 3)         !! of value(i) by trial(j) [-]
     real(wp), intent(in) :: elastic(nsig, nsig)      !! of the trial stress [Pa]
@@ -178,8 +180,8 @@ contains
 
   pure subroutine deviator_of(stress, mean, deviator, length)
     !! Mean stress, deviator, and sqrt(J2) = sqrt(s:s/2) [Pa].
-    real(wp), intent(in) :: stress(nsig)
-    real(wp), intent(out) :: mean, deviator(nsig), length
+    real(wp), intent(in) :: stress(nsig)   !! [Pa]
+    real(wp), intent(out) :: mean, deviator(nsig), length   !! [Pa]
 
     mean = sum(stress(1:3))/3.0_wp
     deviator = stress
@@ -190,7 +192,8 @@ contains
   pure function tangent_from_invariants(bulk, shear, trial, trial_length, length, of_mean, &
                                         of_length) result(tangent)
     !! Derivative of the stress with respect to the strain (twice the shear) where the deviator
-    !! keeps its direction: the mean m and the length l = sqrt(J2) are functions of their trials.
+    !! keeps its direction: the mean m and the length l = sqrt(J2) are functions of their trials
+    !! [Pa].
     real(wp), intent(in) :: bulk             !! of the mean trial stress by the volume strain [Pa]
     real(wp), intent(in) :: shear            !! G of the trial deviator [Pa]
     real(wp), intent(in) :: trial(nsig)      !! its deviator [Pa]
@@ -221,8 +224,8 @@ contains
   end function tangent_from_invariants
 
   pure function dyad_of(a, b) result(dyad)
-    !! Symmetric part of the dyad of two vectors, as a stress vector.
-    real(wp), intent(in) :: a(3), b(3)
+    !! Symmetric part of the dyad of two vectors, as a stress vector [product of the units].
+    real(wp), intent(in) :: a(3), b(3)   !! [any unit]
     real(wp) :: dyad(nsig)
     integer :: m
 

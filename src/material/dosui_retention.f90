@@ -1,5 +1,5 @@
 !! Retention of water above the water table: saturation and relative conductivity of a soil by the
-!! suction of its water (van Genuchten 1980, Mualem 1976).
+!! suction of its water [vanGenuchten1980, Mualem1976].
 !!
 !!     S_e = (1 + (alpha psi)^n)^-m, m = 1 - 1/n, psi = -u/gamma_w; S = S_r + (1 - S_r) S_e
 !!     k_r = sqrt(S_e) (1 - (1 - S_e^(1/m))^m)^2

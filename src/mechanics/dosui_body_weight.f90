@@ -37,7 +37,7 @@ contains
     integer, intent(in) :: patch(n), material(n)    !! of the particles
     real(wp), intent(in) :: position(ndim, n)       !! undeformed [m]
     real(wp), intent(in) :: volume(n)               !! likewise [m3]
-    real(wp), allocatable, intent(out) :: shift(:)  !! (n_node)
+    real(wp), allocatable, intent(out) :: shift(:)  !! (n_node) [kg]
     real(wp), allocatable :: by_shape(:, :), by_particles(:, :), mass(:), none(:), at_rest(:, :)
     real(wp), allocatable :: both(:)                ! of all ranks
     real(wp) :: sums(2, size(scene%material))       ! masses by particles, by shapes

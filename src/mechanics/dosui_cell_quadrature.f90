@@ -8,8 +8,8 @@
 !!     strain_p = C_c v + dev(L_p v - mean of L v)
 !!     f = - W C^T mean(sigma) - V L^T dev(sigma - mean)
 !!
-!! the second line being the adjoint of the first (cf. the mean-strain hexahedron of Flanagan &
-!! Belytschko 1981, whose hourglass modes the particles' deviations control here). W is the volume
+!! the second line being the adjoint of the first (cf. the mean-strain hexahedron of
+!! [Flanagan1981], whose hourglass modes the particles' deviations control here). W is the volume
 !! of the filled part of the cell, C the hats' gradient at its centroid. In small-strain scenes
 !! both come from the shapes of the regions. A part without particle joins the nearest cell that
 !! has one, and the mean strain of such a union is that of its parts, weighted with their volumes,
@@ -345,10 +345,10 @@ contains
 
   pure subroutine hat_gradients(centroid, covariance, spacing, gradient)
     !! Mean gradients of the corner hats over a part of a cell, x fastest [1/m].
-    real(wp), intent(in) :: centroid(ndim)   !! local coordinates, 0 to 1 in the cell
-    real(wp), intent(in) :: covariance(ndim)   !! of the other two coordinates, 3-D only
+    real(wp), intent(in) :: centroid(ndim)   !! local coordinates, 0 to 1 in the cell [-]
+    real(wp), intent(in) :: covariance(ndim)   !! of the other two coordinates, 3-D only [-]
     real(wp), intent(in) :: spacing          !! [m]
-    real(wp), intent(out) :: gradient(ndim, 2**ndim)
+    real(wp), intent(out) :: gradient(ndim, 2**ndim)   !! [1/m]
     real(wp) :: factor
     integer :: corner, d, e, f
 

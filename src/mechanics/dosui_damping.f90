@@ -9,11 +9,11 @@ module dosui_damping
 
   integer, parameter, public :: damping_none = 0
   integer, parameter, public :: damping_viscous = 1   !! -c m v
-  integer, parameter, public :: damping_local = 2     !! -c |f| sign(v), Cundall (1987)
+  integer, parameter, public :: damping_local = 2     !! -c |f| sign(v) [Cundall1987]
   integer, parameter, public :: damping_fading = 3    !! -c(t) m v with c -> b/t
 
-  ! Measured on Mandel's and Terzaghi's problems (docs/theory.md): enough to still the body
-  ! between load and first drainage, too little to delay the settlement.
+  ! Measured on Mandel's and Terzaghi's problems (docs/theory/explicit-steps.md): enough to still
+  ! the body between load and first drainage, too little to delay the settlement.
   real(wp), parameter :: viscous_ratio = 0.1_wp        ! c over the lowest frequency [-]
   real(wp), parameter :: local_coefficient = 0.3_wp
   real(wp), parameter :: fading_exponent = 3.0_wp

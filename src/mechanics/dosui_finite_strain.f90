@@ -1,5 +1,5 @@
 !! Kinematics of finite strains: deformation gradients, and the elastic logarithmic strains by which
-!! small-strain models serve for finite ones (Simo 1992; de Souza Neto et al. 2008, ch. 14).
+!! small-strain models serve for finite ones [Simo1992; deSouzaNeto2008, ch. 14].
 module dosui_finite_strain
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim, nsig, voigt_slot
@@ -53,7 +53,7 @@ contains
 
   pure function carried_area(f, reference) result(area)
     !! Nanson's formula: an area along its normal after a deformation, J F^-T A; zero if F is
-    !! singular.
+    !! singular [m2].
     real(wp), intent(in) :: f(ndim, ndim)     !! deformation gradient [-]
     real(wp), intent(in) :: reference(ndim)   !! area along the normal before [m2]
     real(wp) :: area(ndim)
@@ -65,8 +65,8 @@ contains
 
   pure subroutine invert(a, inverse, determinant)
     !! Inverse and determinant by elimination with pivots; the inverse of a singular matrix is 0.
-    real(wp), intent(in) :: a(ndim, ndim)
-    real(wp), intent(out) :: inverse(ndim, ndim), determinant
+    real(wp), intent(in) :: a(ndim, ndim)   !! [any unit]
+    real(wp), intent(out) :: inverse(ndim, ndim), determinant   !! [any unit, inverted; its power]
     real(wp) :: left(ndim, ndim), row(ndim)
     integer :: k, j, pivot
 
@@ -104,12 +104,12 @@ contains
 
   pure subroutine elastic_trial(step, elastic, trial, value, axes)
     !! Elastic logarithmic strain after a step without plastic flow, 1/2 ln(f exp(2 e) f^T): with
-    !! b = exp(2 e) the elastic left Cauchy-Green tensor (Simo 1992). Shear components are single.
+    !! b = exp(2 e) the elastic left Cauchy-Green tensor [Simo1992]. Shear components are single.
     real(wp), intent(in) :: step(ndim, ndim)     !! f = F_new F_old^-1 [-]
     real(wp), intent(in) :: elastic(nsig)        !! e at the step's start [-]
     real(wp), intent(out) :: trial(nsig)         !! [-]
     real(wp), intent(out) :: value(3)            !! its principal values [-]
-    real(wp), intent(out) :: axes(3, 3)          !! and their directions (component, direction)
+    real(wp), intent(out) :: axes(3, 3)          !! and their directions (component, direction) [-]
     real(wp) :: b(nsig), block(ndim, ndim)
     integer :: i, j
 
@@ -134,8 +134,8 @@ contains
   pure function rate_of_logarithm(value, axes) result(rate)
     !! Derivative of the trial strain with respect to the symmetric gradient of a further motion,
     !! in axes that turn with the body: x coth(x), x = e_i - e_j, between the principal directions
-    !! i and j. From d ln(b) of b = l b + b l^T. Shear components are doubled.
-    real(wp), intent(in) :: value(3), axes(3, 3)   !! as from `elastic_trial`
+    !! i and j. From d ln(b) of b = l b + b l^T. Shear components are doubled [-].
+    real(wp), intent(in) :: value(3), axes(3, 3)   !! as from `elastic_trial` [-]
     real(wp) :: rate(nsig, nsig)
     real(wp) :: mixed(nsig), twice(nsig)
     integer :: i, j, s
@@ -188,7 +188,7 @@ contains
     real(wp), intent(in) :: gradient(:, :)    !! (ndim, nodes), of the present places [1/m]
     real(wp), intent(in) :: stress(nsig)      !! effective times volume, tension positive [Pa m3]
     real(wp), intent(in) :: pressure          !! of the water times volume [Pa m3]
-    real(wp), intent(inout) :: stiffness(:, :)   !! (ndim*nodes, ndim*nodes)
+    real(wp), intent(inout) :: stiffness(:, :)   !! (ndim*nodes, ndim*nodes) [Pa m]
     real(wp) :: full(ndim, ndim), pushed(ndim, size(gradient, 2)), g(ndim), f(ndim), cross
     integer :: i, j, a, b
 

@@ -25,7 +25,7 @@ contains
     !! v = alpha v + sum N_i (v_i_new - alpha v_i_old), u and x grow by dt sum N_i v_i_new,
     !! strain increment dt sym(L) and spin dt skew(L) of L = sum v_i_new (x) grad N_i.
     !!
-    !! The affine matrix of APIC is B D^-1 with D over all nodes of the patch (Jiang et al. 2015):
+    !! The affine matrix of APIC is B D^-1 with D over all nodes of the patch [Jiang2015]:
     !! D = h^2/4 I for B-splines and depends on the place for GIMP; for linear hats B D^-1 is L
     !! itself. L does not serve GIMP: a body that turns freely then gains energy.
     !!

@@ -6,8 +6,8 @@
 !! fit through well-posed nodes k around them, u_j = sum E_jk u_k. Sums over k of E_jk are 1, of
 !! E_jk x_k x_j: linear fields, hence rigid motions and uniform strains, are reproduced. Sources
 !! come by whole shells of equal distance until they span all directions, so there are no ties to
-!! break; they are connected with j through filled cells. Aggregated unfitted elements (Badia,
-!! Verdugo & Martin 2018) with the averaged extension of Burman, Hansbo & Larson (2022).
+!! break; they are connected with j through filled cells. Aggregated unfitted elements [Badia2018]
+!! with the averaged extension of [Burman2022].
 !!
 !! Cells, particles and kernels know nothing of it. What others do:
 !!
@@ -806,7 +806,7 @@ contains
     class(nodal_extension_t), intent(inout) :: self
     type(communicator_t), intent(in) :: comm
     integer, intent(in) :: width
-    real(wp), intent(inout) :: values(width, self%n_strip)
+    real(wp), intent(inout) :: values(width, self%n_strip)   !! [any unit]
     integer :: s
 
     if (comm%size == 1) return
@@ -821,7 +821,7 @@ contains
     class(nodal_extension_t), intent(inout) :: self
     type(communicator_t), intent(in) :: comm
     integer, intent(in) :: width
-    real(wp), intent(inout) :: values(width, self%n_strip)
+    real(wp), intent(inout) :: values(width, self%n_strip)   !! [any unit]
 
     call self%strip_map%scatter_add(comm, width, values)
     call self%strip_map%gather(comm, width, values)
@@ -834,7 +834,8 @@ contains
     type(communicator_t), intent(in) :: comm
     type(grid_t), intent(in) :: grid
     integer, intent(in) :: width    !! a multiple of ndim if components are held
-    real(wp), intent(inout) :: values(width, grid%n_node)   !! complete: forces, masses
+    real(wp), intent(inout) :: values(width, grid%n_node)
+    !! complete: forces [N], momenta [kg m/s], masses [kg]
     logical, intent(in), optional :: is_held(ndim, grid%n_node)   !! components that conditions hold
     real(wp) :: strip(width, self%n_strip), given(width)
     integer :: i, k, r, s
@@ -871,7 +872,8 @@ contains
     type(communicator_t), intent(in) :: comm
     type(grid_t), intent(inout) :: grid
     integer, intent(in) :: width    !! a multiple of ndim if components are held
-    real(wp), intent(inout) :: values(width, grid%n_node)   !! complete on nodes that do not follow
+    real(wp), intent(inout) :: values(width, grid%n_node)
+    !! complete on nodes that do not follow [m or any unit of a motion]
     logical, intent(in), optional :: is_held(ndim, grid%n_node)   !! components that conditions hold
     real(wp) :: strip(width, self%n_strip), total(width)
     integer :: k, r, s
@@ -913,6 +915,7 @@ contains
     integer, intent(in) :: width
     real(wp), intent(in) :: mass(grid%n_node)   !! complete [kg]
     real(wp), intent(inout) :: values(width, grid%n_node)
+    !! motions on entry [m/s or m/s2], [kg m/s or N] on return
     integer :: i
 
     call self%expand(comm, grid, width, values)
@@ -931,7 +934,8 @@ contains
     type(grid_t), intent(inout) :: grid
     integer, intent(in) :: width    !! one or two vectors of ndim components, one after the other
     real(wp), intent(in) :: mass(grid%n_node)               !! of particles, complete [kg]
-    real(wp), intent(inout) :: values(width, grid%n_node)   !! complete
+    real(wp), intent(inout) :: values(width, grid%n_node)
+    !! complete [kg m/s or N] on entry, [m/s or m/s2] on return
     logical, intent(in), optional :: is_held(ndim, grid%n_node)   !! components that conditions hold
     real(wp), dimension(n_column, self%n_strip) :: x, is_free
     real(wp) :: own(self%n_strip), row_mass(n_column, self%n_row), inverse

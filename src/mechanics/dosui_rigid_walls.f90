@@ -1,7 +1,7 @@
 !! Rigid walls outside all bodies: what meets them slides with friction, and leaves freely.
 !!
-!! A wall acts on the velocities of the nodes at or behind its plane, as the contact of Bardenhagen,
-!! Brackbill & Sulsky (2000) with a body that does not move: only what approaches is stopped, and
+!! A wall acts on the velocities of the nodes at or behind its plane, as the contact of
+!! [Bardenhagen2000] with a body that does not move: only what approaches is stopped, and
 !! friction takes no more than the coefficient times the momentum that the wall took along its
 !! normal.
 module dosui_rigid_walls
@@ -88,7 +88,7 @@ contains
     !! along its plane if there is friction.
     type(rigid_wall_t), intent(in) :: walls(:)
     type(grid_t), intent(in) :: grid
-    real(wp), intent(inout) :: motion(ndim, grid%n_node)
+    real(wp), intent(inout) :: motion(ndim, grid%n_node)   !! [m or any unit of a motion]
     real(wp) :: normal(ndim)
     integer :: i, k
 

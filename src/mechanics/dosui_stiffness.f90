@@ -223,7 +223,7 @@ contains
 
   subroutine hourglass_operators(spacing, strain)
     !! Deviations of the hats' strains at the 2**ndim Gauss points of a full cell from their mean:
-    !! the modes that a single particle does not see (Flanagan & Belytschko 1981).
+    !! the modes that a single particle does not see [Flanagan1981].
     real(wp), intent(in) :: spacing                                     !! [m]
     real(wp), intent(out) :: strain(nsig, ndim*2**ndim, 2**ndim)        !! [1/m]
     real(wp) :: gradient(ndim, 2**ndim), place(ndim), mean(nsig, ndim*2**ndim)

@@ -21,13 +21,14 @@ contains
     !! particle's cell (B-bar), in equal parts over the scene's directions, so that plane and
     !! uniaxial strain stay what they are. cell_shift is added before that. With spin (updated
     !! mode) stresses, and tensors among the state variables, first turn with the material: the
-    !! Jaumann rate, integrated so that rotations keep invariants exactly (Hughes & Winget 1980).
+    !! Jaumann rate, integrated so that rotations keep invariants exactly [HughesWinget1980].
     type(material_set_t), intent(in) :: materials
     integer, intent(in) :: n
     integer, intent(in) :: material(n)                      !! index in the set
     real(wp), intent(in) :: strain_increment(nsig, n)       !! tension positive, 2 x shear [-]
     real(wp), intent(inout) :: stress(nsig, n)              !! effective, tension positive [Pa]
-    real(wp), intent(inout) :: state(:, :)                  !! (n_state, n) of the materials
+    real(wp), intent(inout) :: state(:, :)
+    !! (n_state, n) of the materials [units of `state_units`]
     type(error_t), intent(inout) :: err
     integer, intent(in), optional :: cell(n)
     real(wp), intent(in), optional :: cell_volume_strain(:) !! (n_cell) mean of the increments [-]

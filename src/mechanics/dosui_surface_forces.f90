@@ -6,7 +6,7 @@
 !! node has m / a = rho h / 2, and nodes below `light_node` rho h are dropped.
 !!
 !! A penalty wall is a spring kappa = penalty * modulus / h with a dashpot on the displacement of
-!! the surface point against the wall (Belytschko & Neal 1991 for the explicit penalty method).
+!! the surface point against the wall ([Belytschko1991] for the explicit penalty method).
 !! Its displacement error is stress / kappa, first order in h. Where facets stand for a smooth
 !! surface, walls hold its normals: facets lean, and held one by one they hold all motion.
 module dosui_surface_forces
@@ -277,8 +277,8 @@ contains
     !! A nodal field at the surface points, by the weights that forces are spread with. Points
     !! without a cell get 0.
     class(surface_forces_t), intent(in) :: self
-    real(wp), intent(in) :: nodal(:)                  !! (n_node)
-    real(wp), intent(out) :: values(self%n_point)
+    real(wp), intent(in) :: nodal(:)                  !! (n_node) [any unit]
+    real(wp), intent(out) :: values(self%n_point)   !! [unit of the nodal field]
     integer :: i, k, p
 
     values = 0.0_wp
@@ -420,7 +420,7 @@ contains
     !! - sum a sym((v - v_wall) x n), to be divided by the cell's measure [m3/s]. The penalty then
     !! only has to keep the wall in place; the wall's reaction is that of the stress (`react`, the
     !! adjoint), which makes the condition consistent (Nitsche's method in the lifted form of
-    !! Brezzi et al. 2000).
+    !! [Brezzi2000]).
     class(surface_forces_t), intent(in) :: self
     type(mechanical_condition_t), intent(in) :: conditions(:)
     real(wp), intent(in) :: time                               !! [s]
@@ -428,7 +428,7 @@ contains
     real(wp), intent(in) :: area(self%n_point)                 !! [m2]
     real(wp), intent(in) :: normal(ndim, self%n_point)         !! outward [-]
     real(wp), intent(in) :: nodal_velocity(:, :)               !! (ndim, n_node) [m/s]
-    real(wp), intent(inout) :: lift(:, :)                      !! (nsig, n_cell), 2 x shear
+    real(wp), intent(inout) :: lift(:, :)                      !! (nsig, n_cell), 2 x shear [m3/s]
     real(wp) :: slip(ndim)
     integer :: e, p, c, a, b, k, cell
 
@@ -462,7 +462,7 @@ contains
     type(mechanical_condition_t), intent(in) :: conditions(:)
     real(wp), intent(in) :: area(self%n_point)             !! [m2]
     real(wp), intent(in) :: normal(ndim, self%n_point)     !! outward [-]
-    real(wp), intent(inout) :: lift(:, :)                  !! (nsig*ndim*2**ndim, n_cell)
+    real(wp), intent(inout) :: lift(:, :)                  !! (nsig*ndim*2**ndim, n_cell) [m2]
     real(wp) :: slip(ndim)
     integer :: e, p, c, a, b, d, i, k, cell, place
 

@@ -1,9 +1,10 @@
 !! A 64-bit checksum of 8-byte words that ranks compute in parts.
 !!
 !! Every word is added (exclusive or) to a state, which then makes a step of Marsaglia's xorshift
-!! generator (2003), an invertible linear map of period 2**64 - 1. A change of up to 8 adjacent
-!! bytes always changes the checksum, any other change all but once in 2**64 times. Because the map
-!! is linear, the state after two parts follows from theirs: checksums do not depend on the ranks.
+!! generator [Marsaglia2003], an invertible linear map of period 2**64 - 1. A change of up to 8
+!! adjacent bytes always changes the checksum, any other change all but once in 2**64 times. Because
+!! the map is linear, the state after two parts follows from theirs: checksums do not depend on the
+!! ranks.
 module dosui_checksum
   use dosui_kinds, only: wp, i8
   use dosui_communicator, only: communicator_t
@@ -49,7 +50,7 @@ contains
     !! Kernel: adds the bits of numbers.
     class(checksum_t), intent(inout) :: self
     integer, intent(in) :: n
-    real(wp), intent(in) :: numbers(n)
+    real(wp), intent(in) :: numbers(n)   !! [any unit]
     integer(i8) :: state
     integer :: k
 

@@ -128,7 +128,7 @@ contains
   subroutine communicator_sum_array(self, values)
     !! Sums over the ranks, entry by entry, added in rank order; the same on all ranks.
     class(communicator_t), intent(in) :: self
-    real(wp), intent(inout) :: values(:)
+    real(wp), intent(inout) :: values(:)   !! [any unit]
     real(wp), allocatable :: partial(:, :), total(:)
     integer :: n, rank
 
@@ -237,7 +237,7 @@ contains
     !! Largest value of all ranks and the lowest rank that has it. A value that is not a number
     !! counts as larger than any other, so that it is not overlooked.
     class(communicator_t), intent(in) :: self
-    real(wp), intent(inout) :: x             !! in: of this rank, out: the largest
+    real(wp), intent(inout) :: x             !! in: of this rank, out: the largest [any unit]
     integer, intent(out) :: rank_of_max
     real(wp) :: most
     integer :: candidate

@@ -309,7 +309,7 @@ contains
     class(index_map_t), intent(inout) :: self
     type(communicator_t), intent(in) :: comm
     integer, intent(in) :: width                    !! numbers of each entry
-    real(wp), intent(inout) :: values(width, self%n_local)   !! may be longer
+    real(wp), intent(inout) :: values(width, self%n_local)   !! may be longer [any unit]
 
     if (self%n_neighbour == 0) return
     call reserve(self%owned_buffer, width*size(self%send_index))
@@ -329,7 +329,7 @@ contains
     class(index_map_t), intent(inout) :: self
     type(communicator_t), intent(in) :: comm
     integer, intent(in) :: width                    !! numbers of each entry
-    real(wp), intent(inout) :: values(width, self%n_local)   !! may be longer
+    real(wp), intent(inout) :: values(width, self%n_local)   !! may be longer [any unit]
 
     if (self%n_neighbour == 0) return
     call self%to_owners(comm, width, values)
@@ -342,7 +342,7 @@ contains
     class(index_map_t), intent(inout) :: self
     type(communicator_t), intent(in) :: comm
     integer, intent(in) :: width                    !! numbers of each entry
-    real(wp), intent(inout) :: values(width, self%n_local)   !! may be longer
+    real(wp), intent(inout) :: values(width, self%n_local)   !! may be longer [any unit]
     integer :: k
 
     if (self%n_neighbour == 0) return

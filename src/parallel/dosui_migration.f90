@@ -17,7 +17,7 @@ contains
     !! the arrivals by rank and in the sender's order. Collective.
     type(communicator_t), intent(in) :: comm
     integer, intent(in) :: destination(:)                       !! (n) rank of each row
-    real(wp), allocatable, intent(inout) :: real_rows(:, :)     !! (nr, n) replaced
+    real(wp), allocatable, intent(inout) :: real_rows(:, :)     !! (nr, n) replaced [any unit]
     integer(i8), allocatable, intent(inout) :: int_rows(:, :)   !! (ni, n) replaced
     type(error_t), intent(inout), optional :: err
       !! a destination that does not exist; nothing has moved then. Without it that aborts.

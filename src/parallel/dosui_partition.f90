@@ -30,7 +30,7 @@ contains
     !! fewer bricks than ranks, the last ranks own nothing.
     type(communicator_t), intent(in) :: comm
     integer(i8), intent(in) :: brick_key(:)                 !! of local bricks, may repeat
-    real(wp), intent(in) :: weight(:)                       !! cost of each, not negative
+    real(wp), intent(in) :: weight(:)                       !! cost of each, not negative [any unit]
     integer(i8), allocatable, intent(out) :: owner_key(:)   !! all bricks, sorted
     integer, allocatable, intent(out) :: owner_rank(:)      !! their owners
     type(partition_statistics_t), intent(out) :: statistics

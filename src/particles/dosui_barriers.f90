@@ -100,7 +100,7 @@ contains
   pure integer function face_side(self, position) result(side)
     !! 1 or -1: on which side of the face's plane a position lies.
     class(barrier_face_t), intent(in) :: self
-    real(wp), intent(in) :: position(ndim)
+    real(wp), intent(in) :: position(ndim)   !! [m]
 
     side = merge(1, -1, dot_product(position - self%vertex(:, 1), self%normal) >= 0.0_wp)
   end function face_side

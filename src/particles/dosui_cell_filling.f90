@@ -140,7 +140,7 @@ contains
   end function filling_of_sections
 
   pure function section_filling(region, level, corner, spacing) result(part)
-    !! The x-z section: the shape's outline clipped by the four sides (Sutherland & Hodgman 1974),
+    !! The x-z section: the shape's outline clipped by the four sides [Sutherland1974],
     !! and Green's formulas for the integrals.
     type(region_t), intent(in) :: region
     real(wp), intent(in) :: level             !! distance of the section from a sphere's centre [m]

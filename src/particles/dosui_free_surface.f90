@@ -1,7 +1,7 @@
 !! Where the surface of a cloud of particles is.
 !!
 !! A particle bounds the body where an empty ball touches it, that is where its ball of radius r is
-!! not covered by the balls of its neighbours (Dilts 2000 in the plane, Haque & Dilts 2007 in
+!! not covered by the balls of its neighbours ([Dilts2000] in the plane, [HaqueDilts2007] in
 !! space), or, in other words, where its Voronoi cell reaches farther than r. Directions are
 !! sampled, and each counts by how much farther, so that normals are smooth functions of the places.
 !! What is exposed within 90 degrees of a mean direction is one facet, what is left another one: a

@@ -22,7 +22,7 @@ module dosui_point_set
     logical :: halo = .false.         !! has values on ghosts
     logical :: output = .false.       !! written to the result file
     logical :: checkpoint = .false.   !! needed to continue a run
-    real(wp), allocatable :: values(:, :)   !! (width, capacity)
+    real(wp), allocatable :: values(:, :)   !! (width, capacity) [unit of the field]
   end type field_t
 
   type, public :: point_set_t

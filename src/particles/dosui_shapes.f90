@@ -28,7 +28,7 @@ module dosui_shapes
     real(wp) :: centre(ndim) = 0.0_wp               !! of the circle or sphere [m]
     real(wp) :: radius = huge(1.0_wp)               !! a planar face ends there, too [m]
     real(wp) :: low(ndim) = -huge(1.0_wp)           !! cuts of a round face, about centre [m]
-    real(wp) :: high(ndim) = huge(1.0_wp)
+    real(wp) :: high(ndim) = huge(1.0_wp)           !! likewise [m]
     real(wp) :: angle = 0.0_wp                      !! of these planes [deg]
     type(ends_t) :: ends(2)
     !! of the pieces along the edges of a planar face, where these are not equal
@@ -42,8 +42,9 @@ module dosui_shapes
 contains
 
   pure function turned(vector, angle) result(rotated)
-    !! A vector turned by an angle in the x-z plane, from x towards z. 1-D: unchanged.
-    real(wp), intent(in) :: vector(ndim)
+    !! A vector turned by an angle in the x-z plane, from x towards z. 1-D: unchanged
+    !! [unit of the vector].
+    real(wp), intent(in) :: vector(ndim)   !! [any unit]
     real(wp), intent(in) :: angle   !! [deg]
     real(wp) :: rotated(ndim)
 
@@ -55,7 +56,7 @@ contains
 
   pure function spatial(position) result(place)
     !! x, y and z of a place, 0 where the dimension lacks them [m].
-    real(wp), intent(in) :: position(ndim)
+    real(wp), intent(in) :: position(ndim)   !! [m]
     real(wp) :: place(3)
 
     place = 0.0_wp
@@ -65,7 +66,7 @@ contains
   pure subroutine region_bounds(region, low, high)
     !! Bounds of a region where it lies [m].
     type(region_t), intent(in) :: region
-    real(wp), intent(out) :: low(ndim), high(ndim)
+    real(wp), intent(out) :: low(ndim), high(ndim)   !! [m]
 
     call shape_bounds(region, region%shape_angle, low, high)
     low = low + region%pivot
@@ -77,7 +78,7 @@ contains
     !! With the shape's own angle: its place; less the lattice's angle: as its lattice sees it.
     type(region_t), intent(in) :: region
     real(wp), intent(in) :: angle   !! [deg]
-    real(wp), intent(out) :: low(ndim), high(ndim)
+    real(wp), intent(out) :: low(ndim), high(ndim)   !! [m]
     real(wp) :: corner(ndim), box_low(ndim), box_high(ndim)
     integer :: k, d, n_corner
 
@@ -223,7 +224,7 @@ contains
   end function distance_to_edges
 
   pure real(wp) function shape_measure(region) result(measure)
-    !! Volume of the shape [m3; m2 in 2-D, m in 1-D].
+    !! Volume of the shape [m3, m2 in 2-D, m in 1-D].
     type(region_t), intent(in) :: region
     integer :: k
 

@@ -29,7 +29,7 @@ contains
 
   pure subroutine set_add(set, surface)
     !! Puts a surface into a set.
-    real(wp), intent(inout) :: set(:)
+    real(wp), intent(inout) :: set(:)   !! bits as numbers [-]
     integer, intent(in) :: surface   !! index, from 1
 
     if (surface < 1) return
@@ -38,7 +38,7 @@ contains
 
   pure subroutine set_remove(set, surface)
     !! Takes a surface out of a set.
-    real(wp), intent(inout) :: set(:)
+    real(wp), intent(inout) :: set(:)   !! bits as numbers [-]
     integer, intent(in) :: surface
 
     if (set_holds(set, surface)) set(word(surface)) = set(word(surface)) - value_of(surface)
@@ -46,7 +46,7 @@ contains
 
   pure logical function set_holds(set, surface) result(holds)
     !! Is a surface in a set? Points of barriers (a negative number) are on none.
-    real(wp), intent(in) :: set(:)
+    real(wp), intent(in) :: set(:)   !! bits as numbers [-]
     integer, intent(in) :: surface
 
     holds = .false.
@@ -56,14 +56,14 @@ contains
 
   pure logical function set_is_empty(set) result(empty)
     !! No surface: a point that nothing names, or one of a barrier.
-    real(wp), intent(in) :: set(:)
+    real(wp), intent(in) :: set(:)   !! bits as numbers [-]
 
     empty = .not. any(set > 0.0_wp)
   end function set_is_empty
 
   pure function set_members(set) result(surfaces)
     !! The surfaces of a set, in their order.
-    real(wp), intent(in) :: set(:)
+    real(wp), intent(in) :: set(:)   !! bits as numbers [-]
     integer, allocatable :: surfaces(:)
     integer :: s
 
@@ -72,7 +72,7 @@ contains
 
   pure integer function first_member(set) result(surface)
     !! The first surface of a set; 0 for none, or a point of a barrier.
-    real(wp), intent(in) :: set(:)
+    real(wp), intent(in) :: set(:)   !! bits as numbers [-]
     integer :: w
 
     surface = 0
@@ -100,7 +100,7 @@ contains
 
   pure logical function sets_meet(first, second) result(meet)
     !! Is any surface in both sets? Points of barriers meet nothing.
-    real(wp), intent(in) :: first(:), second(:)
+    real(wp), intent(in) :: first(:), second(:)   !! bits as numbers [-]
 
     meet = .false.
     if (first(1) < 0.0_wp .or. second(1) < 0.0_wp) return
@@ -108,7 +108,7 @@ contains
   end function sets_meet
 
   pure function wall_set(scene) result(walls)
-    !! The surfaces that something of their own holds or moves.
+    !! The surfaces that something of their own holds or moves, bits as numbers [-].
     type(scene_t), intent(in) :: scene
     real(wp) :: walls(set_width(size(scene%surface)))
     integer :: c

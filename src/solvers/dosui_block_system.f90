@@ -155,7 +155,7 @@ contains
     !! Values of the entries, in the order of `set_pattern`.
     class(block_system_t), intent(inout) :: self
     integer, intent(in) :: row_block, column_block
-    real(wp), intent(in) :: values(:)
+    real(wp), intent(in) :: values(:)   !! [units of the block]
     type(error_t), intent(inout) :: err
     integer :: status
 
@@ -168,7 +168,7 @@ contains
     !! Values that approximate the Schur complement of the pressures, on the pattern of C. Only
     !! iterative solutions use them.
     class(block_system_t), intent(inout) :: self
-    real(wp), intent(in) :: values(:)
+    real(wp), intent(in) :: values(:)   !! [unit of C]
     type(error_t), intent(inout) :: err
     integer :: status
 
@@ -182,7 +182,7 @@ contains
     !! Positions of the nodes whose displacements are the unknowns, for the rigid-body modes.
     class(block_system_t), intent(inout) :: self
     integer, intent(in) :: dimension
-    real(wp), intent(in) :: coordinates(:)   !! (n_u)
+    real(wp), intent(in) :: coordinates(:)   !! (n_u) [m or any unit of length]
     type(error_t), intent(inout) :: err
     type(c_ptr) :: vec, space
     integer :: status
@@ -383,8 +383,8 @@ contains
     !! Iterations reduce a residual, and errors may be many times as large. After a set-up the error
     !! is therefore estimated (and mended); residuals are reduced by so much more until the next.
     class(block_system_t), intent(inout) :: self
-    real(wp), intent(in), target, contiguous :: right_side(:)   !! (n_u + n_p)
-    real(wp), intent(inout), target, contiguous :: solution(:)  !! likewise
+    real(wp), intent(in), target, contiguous :: right_side(:)   !! (n_u + n_p) [units of the rows]
+    real(wp), intent(inout), target, contiguous :: solution(:)  !! likewise [units of the unknowns]
     real(wp), intent(in) :: tolerance
     !! relative error of displacements and pressures; of direct solutions, the residual's [-]
     logical, intent(in) :: is_guess     !! `solution` comes with a first guess
@@ -498,8 +498,8 @@ contains
   subroutine system_multiply(self, x, y, err)
     !! y = A x.
     class(block_system_t), intent(inout) :: self
-    real(wp), intent(in), target, contiguous :: x(:)      !! (n_u + n_p)
-    real(wp), intent(inout), target, contiguous :: y(:)   !! likewise
+    real(wp), intent(in), target, contiguous :: x(:)      !! (n_u + n_p) [units of the unknowns]
+    real(wp), intent(inout), target, contiguous :: y(:)   !! likewise [units of the rows]
     type(error_t), intent(inout) :: err
     type(c_ptr) :: in, out, operator
     integer :: status

@@ -7,7 +7,7 @@ module dosui_entries
   type, public :: entries_t
     integer :: n = 0
     integer, allocatable :: row(:), column(:)   !! global numbers from 0; negative: left out
-    real(wp), allocatable :: value(:)
+    real(wp), allocatable :: value(:)   !! [unit of the matrix]
   contains
     procedure :: add => entries_add
     procedure :: finish => entries_finish
@@ -19,7 +19,7 @@ contains
     !! Adds one entry, unless its place is negative.
     class(entries_t), intent(inout) :: self
     integer, intent(in) :: row, column
-    real(wp), intent(in) :: value
+    real(wp), intent(in) :: value   !! [unit of the matrix]
 
     if (row < 0 .or. column < 0) return
     if (.not. allocated(self%row)) then

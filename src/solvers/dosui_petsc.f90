@@ -93,7 +93,7 @@ module dosui_petsc
       implicit none
       type(c_ptr), value :: mat
       ! allow(C071)
-      real(c_double), intent(in) :: values(*)
+      real(c_double), intent(in) :: values(*)   !! [unit of the matrix]
       integer(c_int), value :: mode
     end function mat_set_values
     integer(c_int) function mat_mult(mat, x, y) bind(c, name='MatMult')
@@ -212,7 +212,7 @@ module dosui_petsc
       import :: c_int, c_ptr, c_double
       implicit none
       type(c_ptr), value :: ksp
-      real(c_double), value :: relative, absolute, divergence
+      real(c_double), value :: relative, absolute, divergence   !! [-], [unit of the residual], [-]
       integer(c_int), value :: iterations
     end function ksp_set_tolerances
     integer(c_int) function ksp_set_from_options(ksp) bind(c, name='KSPSetFromOptions')
@@ -253,7 +253,7 @@ module dosui_petsc
       import :: c_int, c_ptr, c_double
       implicit none
       type(c_ptr), value :: ksp
-      real(c_double), intent(out) :: norm
+      real(c_double), intent(out) :: norm   !! [unit of the residual]
     end function ksp_residual
     integer(c_int) function solver_type_get(solver, matrix, factor, has_solver, has_matrix, &
                                             create) &

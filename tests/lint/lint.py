@@ -1,22 +1,33 @@
 #!/usr/bin/env python3
 """Rules of the house that a machine can check.
 
-lint.py [rooms] [sources] [names] [fprettify] [fortitude] [ruff]      without arguments: all
+lint.py [CHECK ...]      without arguments: all
 
-rooms      which room of src/ may use which (docs/developer/design.md), and foreign modules
-sources    lines, names, `only`, `private`, no stop and no preprocessor
-names      integrators, soils and walls are asked for facts, not compared by name outside their own
-           modules
-fprettify  layout; fortitude: Fortran linter; ruff: Python linter and layout
+rooms       which room of src/ may use which (docs/developer/design.md), and foreign modules
+sources     lines, names, `only`, `private`, no stop and no preprocessor
+names       integrators, soils and walls are asked for facts, not compared by name outside their own
+            modules
+units       every real that a room shows to others has its unit (docstrings.py)
+choices     values in comments of dosui_scene are the choices of its keys (docstrings.py)
+references  keys of docs/refs.bib are cited, cited keys are defined (documents.py)
+links       relative links of pages lead to files and headings
+contents    tables of contents are equal to the headings
+widths      lines and cells of pages
+site        the pages of docs/ as a site (mkdocs.yml, docs/site), without warnings
+fprettify   layout; fortitude: Fortran linter; ruff: Python linter and layout
 """
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
 from collections.abc import Iterable
 from pathlib import Path
+
+import documents
+from docstrings import check_choices, check_units
 
 ROOT = Path(__file__).resolve().parents[2]
 LINE_LENGTH = 100
@@ -208,7 +219,10 @@ def tool(*command: str) -> tuple[int, str]:
     program = Path(sys.executable).parent / command[0]
     if not program.exists():
         return 1, f"{command[0]} is not installed beside {sys.executable}"
-    done = subprocess.run([program, *command[1:]], capture_output=True, text=True, cwd=ROOT)
+    environment = os.environ | {"NO_MKDOCS_2_WARNING": "1"}
+    done = subprocess.run(
+        [program, *command[1:]], capture_output=True, text=True, cwd=ROOT, env=environment
+    )
     return done.returncode, (done.stdout + done.stderr).strip()
 
 
@@ -225,16 +239,29 @@ def check_fortitude() -> list[str]:
 
 
 def check_ruff() -> list[str]:
-    folders = [name for name in ("postprocess", "tests") if (ROOT / name).is_dir()]
+    folders = [name for name in ("docs", "postprocess", "tests") if (ROOT / name).is_dir()]
     checks = tool("ruff", "check", "--no-cache", "--output-format", "concise", *folders)
     layout = tool("ruff", "format", "--no-cache", "--diff", *folders)
     return [output for status, output in (checks, layout) if status]
+
+
+def check_site() -> list[str]:
+    # Without --quiet: with it MkDocs counts no warnings, and --strict means nothing.
+    status, output = tool("mkdocs", "build", "--strict", "--site-dir", "build/site-check")
+    return [output] if status or "WARNING" in output else []
 
 
 CHECKS = {
     "rooms": check_rooms,
     "sources": check_sources,
     "names": check_names,
+    "units": lambda: check_units(ROOT),
+    "choices": lambda: check_choices(ROOT),
+    "references": lambda: documents.check_references(ROOT),
+    "links": lambda: documents.check_links(ROOT),
+    "contents": lambda: documents.check_contents(ROOT),
+    "widths": lambda: documents.check_widths(ROOT),
+    "site": check_site,
     "fprettify": check_fprettify,
     "fortitude": check_fortitude,
     "ruff": check_ruff,

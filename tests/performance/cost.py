@@ -30,8 +30,9 @@ PAGE = """<!-- Written by tests/performance/cost.py: do not edit. -->
 Only what a scene needs: an option that is off must cost nothing, and one that is on shows its
 price.
 
-Measured on {date} with {version}; one rank, about {particles} particles. Every option is measured
-against the scene that is alike but for it, in turns; the table holds differences of medians of
+Measured on {date} with {version}; one rank, about {particles} particles.
+Every option is measured against the scene that is alike but for it, in turns; the table holds
+differences of medians of
 {runs} runs, per particle and step. **Noise** is the largest difference between two runs of the
 same scene: {noise:.0f} ns. *Off* writes the option's keys with their neutral value.
 

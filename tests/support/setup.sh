@@ -2,6 +2,7 @@
 # Sets DOSUI_ROOT and DOSUI_VENV. Works as root, with sudo, and offline once everything is there.
 DOSUI_ROOT=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
 DOSUI_VENV=$DOSUI_ROOT/build/venv
+DOSUI_SITE_TOOLS=('mkdocs-material>=9.6,<10' 'latex2mathml>=3.77,<4')   # pages of docs/ as a site
 
 # Open MPI in containers: root, more ranks than cores, no CMA between processes.
 export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1

@@ -1,15 +1,12 @@
-"""The pages of the manual against the code, and the links between all pages."""
+"""The pages of the manual against the code."""
 
 from __future__ import annotations
 
-import re
 import subprocess
 from pathlib import Path
 
 import pytest
 from conftest import BIN, ROOT
-
-PAGES = sorted(path for path in ROOT.rglob("*.md") if "build" not in path.parts)
 
 
 @pytest.mark.parametrize("dimension", [1, 2, 3])
@@ -21,12 +18,3 @@ def test_namelist_pages_are_those_of_the_code(tmp_path: Path, dimension: int) ->
     assert sorted(written) == sorted(committed)
     for name, text in written.items():
         assert text == committed[name], f"{name}: run dosui --docs docs/namelist"
-
-
-@pytest.mark.parametrize("page", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_links_lead_to_files(page: Path) -> None:
-    text = page.read_text()
-    links = re.findall(r"\]\(([^)#\s]+)[^)]*\)", text) + re.findall(r'src="([^"]+)"', text)
-    for target in links:
-        if not re.match(r"https?:|mailto:", target):
-            assert (page.parent / target).exists(), f"{page.name} links to {target}"

@@ -2,7 +2,7 @@
 
 The column is fixed and closed at z = 0, loaded and drained at z = H. In the modes sin(w z) of the
 displacement and cos(w z) of the pressure, w = pi (n + 1/2)/H, the equations part (the last term,
-the water's inertia in Darcy's law, with `fluid_inertia` only, as in docs/theory.md):
+the water's inertia in Darcy's law, with `fluid_inertia` only, as in docs/theory/dynamics.md):
 
     rho a'' = - M w^2 a + w b - (2/H) (-1)^n q(t)
     S b'    = - (k/gamma_w) w^2 b - w a' + (k rho_w/gamma_w) w a''

@@ -13,6 +13,7 @@ from dosui_post.report.tables import (
     FULL_HEAD,
     efficiency_rows,
     full_rows,
+    item,
     markdown,
     refusals,
 )
@@ -21,8 +22,8 @@ _PAGE = """<!-- Written by `dosui-post report`: do not edit. -->
 
 # Speed and error
 
-Measured on {date}: {cpu}, {cores} cores, {memory:.0f} GB, {system}; {stream}.
-Load of the machine before the runs: {load:.1f}. {repeats}
+Measured on {date}: {cpu}, {cores} cores, {memory:.0f} GB, {system};
+{stream}. Load of the machine before the runs: {load:.1f}. {repeats}
 
     {version}
 
@@ -82,7 +83,7 @@ def write_page(
     command: str,
 ) -> Path:
     """Writes the page; pictures lie below its folder."""
-    reasons = "\n".join(f"- {who}: {why}" for who, why in refusals(runs))
+    reasons = "\n".join(item(f"{who}: {why}") for who, why in refusals(runs))
     most = max((run.repeats for run in runs if run.state == DONE), default=1)
     text = _PAGE.format(
         date=_dates(runs),

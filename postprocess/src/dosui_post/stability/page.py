@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from dosui_post.report.machine import Machine
+from dosui_post.report.tables import item
 from dosui_post.stability.case import (
     FAILED,
     HELD,
@@ -148,7 +149,7 @@ def _failures(cases: Sequence[Case], found: dict[tuple[str, str], Verdict]) -> s
                 if not q.holds
             ]
             reason = verdict.message or "; ".join(wrong)
-            rows.append(f"- {case.title}, {method.name}: {verdict.state}; {reason}")
+            rows.append(item(f"{case.title}, {method.name}: {verdict.state}; {reason}"))
     return "\n".join(rows) if rows else "Nothing."
 
 

@@ -65,7 +65,7 @@ module dosui_block_system
     integer, private :: dimension = 0          ! of the nodes' space, once they have coordinates
     type(communicator_t), private :: comm
     logical, private :: is_current = .false.
-    real(wp), private :: amplification = 1.0_wp   ! relative error over residual, iterations only
+    real(wp) :: amplification = 1.0_wp   !! relative error over residual, iterations only [-]
   contains
     procedure :: init => system_init
     procedure :: set_pattern => system_set_pattern

@@ -1088,8 +1088,8 @@ contains
   end subroutine implicit_internal_forces
 
   subroutine implicit_turn_safe(self, model, turned, what)
-    !! After a solution that failed: the next `build` factorises, if the scene leaves the choice
-    !! and the system is not too large.
+    !! After a solution that failed: the next `build` factorises, if the iterations were to blame,
+    !! the scene leaves the choice and the system is not too large.
     class(implicit_system_t), intent(inout) :: self
     type(model_t), intent(in) :: model
     logical, intent(out) :: turned
@@ -1097,7 +1097,7 @@ contains
 
     turned = .false.
     what = 'direct solutions'
-    if (self%system%is_direct) return
+    if (self%system%is_direct .or. .not. self%system%has_failed) return
     turned = model%scene%solver%linear == 'auto' .and. &
              sum(self%system%n_all) <= last_resort*direct_limit(ndim)
     self%insists_on_direct = turned

@@ -35,6 +35,7 @@ module dosui_run_files
     type(result_file_t) :: result
     type(history_t) :: history
     character(len=:), allocatable :: stem      !! directory and name without suffix
+    real(wp), allocatable :: memory(:)         !! the integrator's, from the checkpoint read
     character(len=:), allocatable, private :: record   !! of the scene, for checkpoints
     real(wp) :: history_interval = 0.0_wp      !! [s]
     real(wp) :: next_history = 0.0_wp          !! [s]
@@ -338,10 +339,11 @@ contains
     path = stem//'.restart.h5'
   end function checkpoint_path
 
-  subroutine run_files_write_checkpoint(self, model, err, is_kept)
+  subroutine run_files_write_checkpoint(self, model, memory, err, is_kept)
     !! Writes what a restart needs. Collective.
     class(run_files_t), intent(inout) :: self
     type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: memory(:)          !! of the integrator
     type(error_t), intent(inout) :: err
     logical, intent(in), optional :: is_kept   !! under a name of its own, with the step
     type(checkpoint_writer_t) :: writer
@@ -363,6 +365,7 @@ contains
                               real(model%clock%output, wp), self%next_history, model%movement, &
                               real(model%removed, wp), real(model%brick_edge, wp), &
                               model%density, model%next_dt, model%pressure_scale], err)
+    call writer%write_values(model%comm, 'integrator', memory, err)
     call writer%write_of_ranks(model%comm, 'balance', balance_of_rank(model), err)
     call writer%write_values(model%comm, 'bricks', brick_table(model), err)
     call writer%write_set(model%comm, 'particles', model%particles, err)
@@ -431,6 +434,7 @@ contains
     call reader%begin(model%comm, path, err)
     if (.not. err%failed()) call reader%read_values(model%comm, 'clock', clock, err)
     if (.not. err%failed()) call compare_scenes(self, model, reader, path, clock(1), err)
+    if (.not. err%failed()) call reader%read_values(model%comm, 'integrator', self%memory, err)
     if (.not. err%failed()) call reader%read_of_ranks(model%comm, 'balance', balance, err)
     if (.not. err%failed()) call reader%read_values(model%comm, 'bricks', bricks, err)
     if (.not. err%failed()) call reader%read_set(model%comm, 'particles', model%particles, err)

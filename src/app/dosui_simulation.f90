@@ -148,12 +148,13 @@ contains
       if (err%failed()) return
     end if
     call integrator%init(model, err)
+    if (.not. (from_start .or. err%failed())) call integrator%recall(model, files%memory, err)
     if (err%failed()) return
     if (from_start) then
       call integrator%start(model, err)
       if (err%failed()) return
       call files%sample(model)
-      call write_output(model, files, err)
+      call write_output(model, integrator, files, err)
       if (err%failed()) return
     end if
     started = wall_seconds()
@@ -174,7 +175,7 @@ contains
       if (model%clock%at_output()) then
         call model%timers%start(model%phase%output)
         model%clock%output = model%clock%output + 1
-        call write_output(model, files, err)
+        call write_output(model, integrator, files, err)
         call search%look(model)
         call model%timers%stop(model%phase%output)
         if (err%failed()) return
@@ -183,7 +184,7 @@ contains
       if (mod(model%clock%step, integrator%look_interval) == 0_i8) then
         call progress(model, started, first_step, last_line)
         if (model%comm%any(signal_received())) then
-          call files%write_checkpoint(model, err)
+          call files%write_checkpoint(model, integrator%memory(), err)
           call files%close(model, err)
           if (err%failed()) return
           call describe_solutions()
@@ -193,13 +194,13 @@ contains
           return
         end if
       end if
-      call checkpoint_if_due(model, files, integrator%look_interval, last_checkpoint, err)
+      call checkpoint_if_due(model, integrator, files, last_checkpoint, err)
       if (err%failed()) return
     end do
     call describe_solutions()
     call files%write_step(model, err)   ! where maximum_steps ends a run; else it is there already
     if (.not. (err%failed() .or. model%clock%finished())) then
-      call files%write_checkpoint(model, err)
+      call files%write_checkpoint(model, integrator%memory(), err)
       if (.not. err%failed()) call model%log%info('maximum_steps ended the run; continue with '// &
                                                   '--restart '//files%checkpoint_path())
     end if
@@ -238,22 +239,23 @@ contains
     if (is_sound(model)) call files%write_step(model, err)
   end subroutine write_last_state
 
-  subroutine write_output(model, files, err)
+  subroutine write_output(model, integrator, files, err)
     !! An output step and, if the scene asks for it, a checkpoint that is kept. Collective.
     type(model_t), intent(inout) :: model
+    class(integrator_t), intent(in) :: integrator
     type(run_files_t), intent(inout) :: files
     type(error_t), intent(inout) :: err
 
     call files%write_step(model, err)
     if (err%failed() .or. .not. model%scene%output%checkpoint_at_outputs) return
-    call files%write_checkpoint(model, err, is_kept=.true.)
+    call files%write_checkpoint(model, integrator%memory(), err, is_kept=.true.)
   end subroutine write_output
 
-  subroutine checkpoint_if_due(model, files, look_interval, last, err)
+  subroutine checkpoint_if_due(model, integrator, files, last, err)
     !! Writes a checkpoint every so many steps or minutes. Collective.
     type(model_t), intent(inout) :: model
+    class(integrator_t), intent(in) :: integrator
     type(run_files_t), intent(inout) :: files
-    integer(i8), intent(in) :: look_interval   !! steps between looks at the wall clock
     real(wp), intent(inout) :: last         !! wall clock of the last one [s]
     type(error_t), intent(inout) :: err
     logical :: due
@@ -263,13 +265,13 @@ contains
       due = mod(model%clock%step, model%scene%output%checkpoint_steps) == 0_i8
     end if
     if (model%scene%output%checkpoint_minutes > 0.0_wp .and. &
-        mod(model%clock%step, look_interval) == 0_i8) then
+        mod(model%clock%step, integrator%look_interval) == 0_i8) then
       due = due .or. model%comm%any(wall_seconds() - last > &
                                     60.0_wp*model%scene%output%checkpoint_minutes)
     end if
     if (.not. due) return
     last = wall_seconds()
-    call files%write_checkpoint(model, err)
+    call files%write_checkpoint(model, integrator%memory(), err)
   end subroutine checkpoint_if_due
 
   subroutine progress(model, started, first_step, last_line)

@@ -42,6 +42,7 @@ module dosui_equilibrium
   real(wp), parameter :: nearly = 1.0e-2_wp            !! residual of a body that may yet stand [-]
   real(wp), parameter :: direct_tolerance = 1.0e-13_wp  !! of a factorised one of them [-]
   real(wp), parameter :: balanced = 1.0e-11_wp         !! residual over the weight [-]
+  real(wp), parameter :: diverged = 100.0_wp           !! residual over the loads [-]
 
   real(wp), parameter :: soft = 1.0e-11_wp        !! energy that is looked at twice ...
   real(wp), parameter :: no_energy = 1.0e-13_wp   !! ... that is none, over the stiffest motion's
@@ -68,36 +69,56 @@ contains
 
   subroutine find_geostatic_equilibrium(model, n_iteration, stands, err, remains)
     !! Effective stresses in equilibrium with weight, loads and the pore pressures at hand, which
-    !! stay. Soils that yield: initial-stress iterations, each an elastic solution whose strains
-    !! the soils then take. What the soils remember depends on the way, so that solutions of small
-    !! systems are direct: the way is then the same on any number of ranks. Collective.
+    !! stay. Collective.
     type(model_t), intent(inout) :: model
     integer, intent(inout) :: n_iteration      !! in all
     logical, intent(out) :: stands             !! false: soils cannot carry the loads
     type(error_t), intent(inout) :: err
     character(len=:), allocatable, intent(out), optional :: remains
     !! then: how much is not carried, and where
-    type(material_set_t) :: soils, elastic
-    type(implicit_system_t) :: system   ! of the elastic solutions, if they are direct
     type(load_scale_t) :: scale
     type(trial_t) :: state
+
+    stands = .true.
+    if (model%materials%is_nonlinear()) then
+      call relax_soils(model, state, n_iteration, scale, stands, err, remains)
+    else
+      call relax(model, state, 0.0_wp, n_iteration, scale, err)
+    end if
+  end subroutine find_geostatic_equilibrium
+
+  subroutine relax_soils(model, state, n_iteration, scale, stands, err, remains)
+    !! Soils that yield: initial-stress iterations, each an elastic solution whose strains the soils
+    !! then take. What the soils remember depends on the way, so that drained solutions of small
+    !! systems are direct: the way is then the same on any number of ranks. Where these solutions
+    !! lead away, since the equations are not those of the kernels (stiffness that particles out of
+    !! order leave), conjugate gradients begin anew. Collective.
+    type(model_t), intent(inout) :: model
+    type(trial_t), intent(inout) :: state
+    integer, intent(inout) :: n_iteration      !! in all
+    type(load_scale_t), intent(inout) :: scale
+    logical, intent(out) :: stands             !! false: soils cannot carry the loads
+    type(error_t), intent(inout) :: err
+    character(len=:), allocatable, intent(out), optional :: remains
+    !! then: how much is not carried, and where
+    type(material_set_t) :: soils, elastic
+    type(implicit_system_t) :: system         ! of the elastic solutions, if they are direct
+    type(point_set_t) :: particles, surface   ! before all motion
     real(wp), allocatable :: residual(:, :), stress(:, :)
     real(wp) :: norm, round_start   ! residual now, and where this round began
     integer :: k
 
     stands = .true.
     round_start = huge(1.0_wp)
-    if (.not. model%materials%is_nonlinear()) then
-      call relax(model, state, 0.0_wp, n_iteration, scale, err)
-      return
-    end if
+    particles = model%particles
+    surface = model%surface
     soils = model%materials
     elastic = elastic_parts(soils)
     allocate (residual(ndim, model%grid%n_node))
     stress = model%particles%field(model%p%effective_stress)%values
     call take_strains(model, elastic, stress, err)   ! none yet: back to the yield surface
     state%is_direct = is_small(model) .and. &
-                      .not. (model%finite .or. allocated(model%scene%rigid_wall))
+                      .not. (state%undrained .or. model%finite .or. allocated(model%scene%rigid_wall))
     if (state%is_direct) state%is_direct = .not. hangs_on_walls(model)
     do k = 1, correction_limit + 1
       call model%comm%agree(err)
@@ -106,6 +127,16 @@ contains
       call find_residual(model, state, residual, norm)
       call update_scale(model, norm, scale)
       model%relaxing = .false.
+      if (.not. norm <= diverged*scale%loads) then
+        stands = state%is_direct
+        if (.not. stands) exit
+        state%is_direct = .false.
+        round_start = huge(1.0_wp)
+        model%particles = particles
+        model%surface = surface
+        model%inverted = 0
+        cycle
+      end if
       stands = k <= correction_limit .and. &
                .not. (mod(k, round) == 1 .and. norm > least_gain*round_start)
       if (.not. stands .and. norm <= acceptable*scale%loads) then   ! as near as round-off lets it
@@ -136,7 +167,7 @@ contains
       remains = to_text(100.0_wp*norm/scale%loads, 2)//' % of the loads are not carried, '// &
                 'around '//vector_text(centre_of(model, residual) + model%scene%local_origin)//' m'
     end if
-  end subroutine find_geostatic_equilibrium
+  end subroutine relax_soils
 
   function elastic_parts(soils) result(elastic)
     !! Linear elasticity with the moduli of soils.
@@ -201,9 +232,17 @@ contains
     type(load_scale_t), intent(inout) :: scale
     type(error_t), intent(inout) :: err
     type(trial_t) :: state
+    character(len=:), allocatable :: remains
+    logical :: stands
 
     state%undrained = model%coupled
-    call relax(model, state, reduction, n_iteration, scale, err)
+    if (.not. model%materials%is_nonlinear()) then
+      call relax(model, state, reduction, n_iteration, scale, err)
+      return
+    end if
+    call relax_soils(model, state, n_iteration, scale, stands, err, remains)
+    if (stands .or. err%failed()) return
+    call err%set('the start found no equilibrium: the soils cannot carry the loads; '//remains)
   end subroutine find_equilibrium
 
   subroutine relax(model, state, reduction, n_iteration, scale, err)

@@ -31,6 +31,7 @@ module dosui_implicit_system
   public :: add_hourglass_forces, elastic_tangent, find_empty, is_small, surface_gradients
 
   integer, parameter :: direct_limit(3) = [500000, 12000, 4000]   !! unknowns in 1-D, 2-D, 3-D
+  integer, parameter, public :: n_system_memory = 3   !! numbers that a checkpoint keeps
   integer, parameter :: last_resort = 20   !! times as many are factorised where iterations fail
   real(wp), parameter :: hourglass_stiffness = 0.1_wp
   !! of cells with one particle, over their deviatoric stiffness; it acts on increments only [-]
@@ -68,6 +69,8 @@ module dosui_implicit_system
     procedure :: stored => implicit_stored
     procedure :: stored_by_projection => implicit_stored_by_projection
     procedure :: turn_safe => implicit_turn_safe
+    procedure :: memory => implicit_memory
+    procedure :: recall => implicit_recall
     procedure :: set_step => implicit_set_step
     procedure :: volume_change => implicit_volume_change
     procedure :: pressure_forces => implicit_pressure_forces
@@ -1085,8 +1088,8 @@ contains
   end subroutine implicit_internal_forces
 
   subroutine implicit_turn_safe(self, model, turned, what)
-    !! After a solution that failed: the next `build` factorises, if the scene leaves the choice
-    !! and the system is not too large.
+    !! After a solution that failed: the next `build` factorises, if the iterations were to blame,
+    !! the scene leaves the choice and the system is not too large.
     class(implicit_system_t), intent(inout) :: self
     type(model_t), intent(in) :: model
     logical, intent(out) :: turned
@@ -1094,11 +1097,37 @@ contains
 
     turned = .false.
     what = 'direct solutions'
-    if (self%system%is_direct) return
+    if (self%system%is_direct .or. .not. self%system%has_failed) return
     turned = model%scene%solver%linear == 'auto' .and. &
              sum(self%system%n_all) <= last_resort*direct_limit(ndim)
     self%insists_on_direct = turned
   end subroutine implicit_turn_safe
+
+  pure function implicit_memory(self) result(values)
+    !! What solutions follow from beside the model: iterations know their error from the first
+    !! solution after the last set-up, which need not be that of a restart.
+    class(implicit_system_t), intent(in) :: self
+    real(wp) :: values(n_system_memory)
+
+    values = [merge(1.0_wp, 0.0_wp, self%insists_on_direct), self%flow_weight, &
+              self%system%amplification]
+  end function implicit_memory
+
+  subroutine implicit_recall(self, model, values, err)
+    !! Brings a system that has just been built to where a checkpoint left its own. Collective.
+    class(implicit_system_t), intent(inout) :: self
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: values(n_system_memory)   !! as from `memory`
+    type(error_t), intent(inout) :: err
+
+    self%insists_on_direct = values(1) > 0.5_wp .and. model%scene%solver%linear == 'auto'
+    if (self%insists_on_direct) call self%build(model, self%is_dynamic, err)
+    if (self%system%is_direct .or. err%failed()) return
+    if (values(2) < 0.0_wp) return
+    if (model%coupled) call self%set_flow(values(2), err)
+    if (.not. err%failed()) call self%system%prepare(err)
+    self%system%amplification = values(3)
+  end subroutine implicit_recall
 
   subroutine implicit_stored(self, model, flow_weight, pressure, stored, err)
     !! S V p - a V L p: what increments of pressure store and let out. Collective.

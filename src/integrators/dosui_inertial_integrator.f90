@@ -1,6 +1,7 @@
 !! What integrators with inertia have in common: a start from rest or from the undrained
 !! equilibrium, steps that waves limit, and particles that may move through the grid.
 module dosui_inertial_integrator
+  use dosui_kinds, only: wp
   use dosui_error, only: error_t
   use dosui_following, only: keep_up
   use dosui_integrator, only: integrator_t
@@ -19,6 +20,8 @@ module dosui_inertial_integrator
     procedure :: init => inertial_init
     procedure :: start => inertial_start
     procedure :: step => inertial_step
+    procedure :: memory => inertial_memory
+    procedure :: recall => inertial_recall
     procedure(inertial_advance), deferred :: advance
   end type inertial_integrator_t
 
@@ -74,4 +77,24 @@ contains
     call model%clock%advance()
     if (model%updated) call keep_up(model, err)
   end subroutine inertial_step
+
+  pure function inertial_memory(self) result(values)
+    !! The watch over small steps.
+    class(inertial_integrator_t), intent(in) :: self
+    real(wp), allocatable :: values(:)
+
+    values = self%watch%memory()
+  end function inertial_memory
+
+  subroutine inertial_recall(self, model, values, err)
+    !! Goes on watching.
+    class(inertial_integrator_t), intent(inout) :: self
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: values(:)   !! as from `memory`
+    type(error_t), intent(inout) :: err
+
+    associate (not_used => model, nor => err)
+    end associate
+    call self%watch%recall(values)
+  end subroutine inertial_recall
 end module dosui_inertial_integrator

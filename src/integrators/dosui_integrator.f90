@@ -18,6 +18,8 @@ module dosui_integrator
     procedure(integrator_choose_step), deferred :: choose_step
     procedure(integrator_init), deferred :: step
     procedure(integrator_describe), deferred :: describe
+    procedure(integrator_memory), deferred :: memory
+    procedure(integrator_recall), deferred :: recall
     procedure :: announce => integrator_announce
   end type integrator_t
 
@@ -47,6 +49,22 @@ module dosui_integrator
       class(integrator_t), intent(in) :: self
       character(len=:), allocatable :: text
     end function integrator_describe
+    pure function integrator_memory(self) result(values)
+      !! What steps follow from beside the model, for checkpoints. The same on all ranks.
+      import :: integrator_t, wp
+      implicit none
+      class(integrator_t), intent(in) :: self
+      real(wp), allocatable :: values(:)
+    end function integrator_memory
+    subroutine integrator_recall(self, model, values, err)
+      !! Takes up the steps of the run that wrote a checkpoint, after `init`. Collective.
+      import :: integrator_t, model_t, error_t, wp
+      implicit none
+      class(integrator_t), intent(inout) :: self
+      type(model_t), intent(inout) :: model
+      real(wp), intent(in) :: values(:)   !! as from `memory`
+      type(error_t), intent(inout) :: err
+    end subroutine integrator_recall
   end interface
 
 contains

@@ -5,6 +5,8 @@
 !! almost nothing, will not end in anybody's lifetime. Twice the time since the start begins a new
 !! window, too. Steps that the user has chosen do not count: they may be as small as they like.
 !!
+!! Checkpoints hold what the watch remembers, so that a restart ends where the run would have.
+!!
 !! Failed solutions are dear. Where step after step has some, steps do not grow: a run that would
 !! need very many of these is stuck at once.
 module dosui_progress_watch
@@ -24,10 +26,12 @@ module dosui_progress_watch
   real(wp), parameter :: shrunk = 0.1_wp          !! ... and of the longest attempt [-]
   real(wp), parameter :: least_progress = 1.0e-7_wp  !! of the run, in a full window [-]
 
+  integer, parameter, public :: n_watch_memory = 12   !! numbers that a checkpoint keeps
+
   type, public :: progress_watch_t
     private
     real(wp) :: length = 0.0_wp      !! of the run [s]
-    real(wp) :: origin = 0.0_wp      !! of the run, or of its restart [s]
+    real(wp) :: origin = 0.0_wp      !! of the run [s]
     real(wp) :: start = 0.0_wp       !! of the window [s]
     real(wp) :: now = 0.0_wp         !! end of the last step [s]
     real(wp) :: smallest = huge(1.0_wp)   !! step whose solution failed in the window [s]
@@ -46,6 +50,8 @@ module dosui_progress_watch
     procedure :: fail => watch_fail
     procedure :: is_stuck => watch_is_stuck
     procedure :: describe => watch_describe
+    procedure :: memory => watch_memory
+    procedure :: recall => watch_recall
   end type progress_watch_t
 
 contains
@@ -122,6 +128,35 @@ contains
     stuck = stuck .or. real(repeated, wp) >= repeated_share*real(self%n_attempt, wp) .or. &
             self%now - self%start < least_progress*self%length
   end function watch_is_stuck
+
+  pure function watch_memory(self) result(values)
+    !! What a checkpoint keeps of the watch.
+    class(progress_watch_t), intent(in) :: self
+    real(wp) :: values(n_watch_memory)
+
+    values = [self%origin, self%start, self%now, self%smallest, self%step, self%longest, &
+              real([self%n_troubled, self%n_vain, merge(1, 0, self%has_failed), self%n_attempt, &
+                    self%n_failed, self%n_rejected], wp)]
+  end function watch_memory
+
+  pure subroutine watch_recall(self, values)
+    !! Takes up the watch of the run that wrote a checkpoint; the end of the run may be another.
+    class(progress_watch_t), intent(inout) :: self
+    real(wp), intent(in) :: values(n_watch_memory)   !! as from `memory`
+
+    self%origin = values(1)
+    self%start = values(2)
+    self%now = values(3)
+    self%smallest = values(4)
+    self%step = values(5)
+    self%longest = values(6)
+    self%n_troubled = nint(values(7))
+    self%n_vain = nint(values(8))
+    self%has_failed = values(9) > 0.5_wp
+    self%n_attempt = nint(values(10))
+    self%n_failed = nint(values(11))
+    self%n_rejected = nint(values(12))
+  end subroutine watch_recall
 
   function watch_describe(self) result(text)
     !! What the window has seen.

@@ -15,7 +15,7 @@ module dosui_quasi_static
   use dosui_integrator, only: integrator_t
   use dosui_model, only: model_t
   use dosui_pore_water, only: add_pressure, wet_masses
-  use dosui_progress_watch, only: progress_watch_t
+  use dosui_progress_watch, only: n_watch_memory, progress_watch_t
   use dosui_scene, only: table_t
   use dosui_seepage, only: seepage_t
   use dosui_skeleton_step, only: zero_velocities
@@ -59,6 +59,8 @@ module dosui_quasi_static
     procedure :: step => quasi_static_step
     procedure :: describe => quasi_static_describe
     procedure :: announce => quasi_static_announce
+    procedure :: memory => quasi_static_memory
+    procedure :: recall => quasi_static_recall
     procedure, private :: attempt
     procedure, private :: handle_failure
     procedure, private :: report_forces
@@ -233,6 +235,30 @@ contains
     associate (not_used => self, nor => model)
     end associate
   end subroutine quasi_static_announce
+
+  pure function quasi_static_memory(self) result(values)
+    !! The watch, stiffened tangents and the equations.
+    class(quasi_static_t), intent(in) :: self
+    real(wp), allocatable :: values(:)
+
+    values = [self%watch%memory(), real(self%n_stiff, wp), self%solver%stiffening, &
+              self%solver%system%memory()]
+  end function quasi_static_memory
+
+  subroutine quasi_static_recall(self, model, values, err)
+    !! Goes on watching, stiffening and solving as before. Collective.
+    class(quasi_static_t), intent(inout) :: self
+    type(model_t), intent(inout) :: model
+    real(wp), intent(in) :: values(:)   !! as from `memory`
+    type(error_t), intent(inout) :: err
+
+    associate (n => n_watch_memory)
+      call self%watch%recall(values(:n))
+      self%n_stiff = nint(values(n + 1))
+      self%solver%stiffening = values(n + 2)
+      call self%solver%system%recall(model, values(n + 3:), err)
+    end associate
+  end subroutine quasi_static_recall
 
   subroutine handle_failure(self, model, failure, failures, err)
     !! After an attempt without solution: direct solutions, or a smaller step, or the end.

@@ -14,7 +14,6 @@ module dosui_step_error
   real(wp), parameter, public :: first_fraction = 1.0e-5_wp   !! of the run: the first step [-]
   real(wp), parameter :: scale_share = 0.01_wp        !! of the largest pressure, in the norm [-]
   real(wp), parameter :: noise_share = 1.0e-7_wp      !! of the pressures: no error is smaller [-]
-  real(wp), parameter :: estimate_tolerance = 1.0e-3_wp   !! of the error's own solution [-]
 
   public :: content_error, estimate_error, root_mean_square
 
@@ -97,7 +96,7 @@ contains
     zero = 0.0_wp
     call model%timers%start(model%phase%solver)
     call system%solve(model, a, zero, model%clock%time, zero, .false., supply, &
-                      max(estimate_tolerance, system%tolerance), .false., motion, &
+                      system%tolerance, .false., motion, &
                       pressure, err, without_loads=.true.)
     call model%timers%stop(model%phase%solver)
   end subroutine solve_error

@@ -3,7 +3,8 @@
 !! Their length follows from the state: bodies that fly off, pores that fill and then store nothing
 !! but the compression of their water, pores that close. The first step promises how many there
 !! will be. A run that would need very many more than that, step after step, ends with an error
-!! that names the particle. Sub-steps and stages of the water count as steps.
+!! that names the particle. Sub-steps and stages of the water count as steps. Checkpoints hold what
+!! the watch remembers: a restart in the midst of such steps must not take them for the usual ones.
 module dosui_step_watch
   use dosui_kinds, only: wp
   use dosui_error, only: error_t
@@ -20,11 +21,13 @@ module dosui_step_watch
 
   type, public :: step_watch_t
     private
-    real(wp) :: promised = 0.0_wp   !! steps of the run, as the first one had it [-]
-    real(wp) :: first = 0.0_wp      !! the first step [s]
+    real(wp) :: first = 0.0_wp      !! the first step of the run [s]; 0: there was none
+    real(wp) :: parts = 1.0_wp      !! steps of the water in it [-]
     real(wp) :: hopeless = 0.0_wp   !! steps in a row [-]
   contains
     procedure :: look => watch_look
+    procedure :: memory => watch_memory
+    procedure :: recall => watch_recall
   end type step_watch_t
 
 contains
@@ -34,16 +37,17 @@ contains
     class(step_watch_t), intent(inout) :: self
     type(model_t), intent(in) :: model
     type(error_t), intent(inout) :: err
-    real(wp) :: parts, left
+    real(wp) :: parts, left, promised
 
     associate (clock => model%clock, end_time => model%scene%time%end_time)
       parts = real(max(1, model%substeps, model%stages), wp)
       left = parts*(end_time - clock%time)/clock%dt
-      if (.not. self%promised > 0.0_wp) then
-        self%promised = parts*end_time/clock%dt
+      if (.not. self%first > 0.0_wp) then
         self%first = clock%dt
+        self%parts = parts
       end if
-      if (.not. left > max(many, beyond*self%promised)) then
+      promised = self%parts*end_time/self%first   ! a restart may have another end
+      if (.not. left > max(many, beyond*promised)) then
         self%hopeless = 0.0_wp
         return
       end if
@@ -53,9 +57,27 @@ contains
                    to_text(clock%dt, 3)//' s ('//trim(clock%limit%name)//'; '// &
                    to_text(self%first, 3)//' s in the first step)'//water_steps(parts)// &
                    ', so that '//to_text(left, 2)//' steps are left where the first promised '// &
-                   to_text(self%promised, 2)//' in all; '//trouble(model))
+                   to_text(promised, 2)//' in all; '//trouble(model))
     end associate
   end subroutine watch_look
+
+  pure function watch_memory(self) result(values)
+    !! What a checkpoint keeps of the watch.
+    class(step_watch_t), intent(in) :: self
+    real(wp) :: values(3)
+
+    values = [self%first, self%parts, self%hopeless]
+  end function watch_memory
+
+  pure subroutine watch_recall(self, values)
+    !! Takes up the watch of the run that wrote a checkpoint.
+    class(step_watch_t), intent(inout) :: self
+    real(wp), intent(in) :: values(:)   !! as from `memory`
+
+    self%first = values(1)
+    self%parts = values(2)
+    self%hopeless = values(3)
+  end subroutine watch_recall
 
   function water_steps(parts) result(text)
     !! Sub-steps or stages of the water in a step.

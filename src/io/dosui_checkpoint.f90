@@ -21,7 +21,7 @@ module dosui_checkpoint
   private
 
   character(len=*), parameter :: format_name = 'dosui checkpoint'
-  integer(i8), parameter :: format_version = 2_i8
+  integer(i8), parameter :: format_version = 3_i8
 
   public :: find_checkpoint
 

@@ -349,8 +349,8 @@ contains
     real(wp), intent(in) :: after(nsig)     !! stress after it, compression positive [Pa]
     type(plan_t), intent(inout) :: plan
     real(wp), intent(out) :: tangent(nsig, nsig)
-    real(wp) :: step, p, r(nsig), bulk, shear, sides(nsig, 2), wide(nsig, 2), apart, apart_wide
-    real(wp) :: least
+    real(wp) :: step, p, r(nsig), bulk, shear, sides(nsig, 2), wide(nsig, 2)
+    real(wp) :: apart, apart_wide, least
     logical :: is_left
     integer :: k
 

@@ -35,6 +35,7 @@ module dosui_block_system
   real(wp), parameter :: error_tolerance = 0.1_wp        !! of an error's own solution [-]
   real(wp), parameter :: largest_amplification = 1.0e4_wp   !! that is believed [-]
   real(wp), parameter :: least_share = 1.0e-6_wp   !! of one kind of unknowns, to count [-]
+  real(wp), parameter :: margin = 5.0_wp      !! for other right sides than that of the set-up [-]
   integer, parameter :: corrections = 3       !! of one solution by its error
   integer, parameter :: setups_between = 50   !! of dynamic systems, whose errors are small
   integer, parameter :: reason_iterations = -3   !! KSP_DIVERGED_ITS
@@ -65,7 +66,7 @@ module dosui_block_system
     integer, private :: dimension = 0          ! of the nodes' space, once they have coordinates
     type(communicator_t), private :: comm
     logical, private :: is_current = .false.
-    real(wp), private :: amplification = 1.0_wp   ! relative error over residual, iterations only
+    real(wp) :: amplification = 1.0_wp   !! relative error over residual, iterations only [-]
   contains
     procedure :: init => system_init
     procedure :: set_pattern => system_set_pattern
@@ -390,6 +391,7 @@ contains
     logical, intent(in) :: is_guess     !! `solution` comes with a first guess
     type(error_t), intent(inout) :: err
     logical :: is_new
+    real(wp) :: least   ! residual
 
     is_new = .not. self%is_current
     call self%prepare(err)
@@ -397,7 +399,9 @@ contains
     if (self%is_dynamic .and. self%n_setup > 1) is_new = is_new .and. &
                                                          mod(self%n_setup, setups_between) == 0
     if (is_new) self%amplification = 1.0_wp
-    call iterate(self, right_side, solution, tolerance/self%amplification, is_guess, err)
+    least = tolerance
+    if (.not. (is_new .or. self%is_direct)) least = tolerance/(margin*self%amplification)
+    call iterate(self, right_side, solution, least, is_guess, err)
     if (is_new .and. .not. (self%is_direct .or. err%failed())) then
       call mend_error(self, right_side, solution, tolerance, err)
     end if

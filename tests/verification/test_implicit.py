@@ -84,10 +84,19 @@ def test_any_number_of_ranks(dosui: Runner, change: dict[str, float]) -> None:
             assert np.abs(other[name] - fields[0][name]).max() <= 1e-11 * scale, name
 
 
-@pytest.mark.parametrize("integrator", ["quasi_static", "semi_implicit"])
-def test_restart_is_bit_equal(dosui: Runner, integrator: str) -> None:
+@pytest.mark.parametrize(
+    ("integrator", "linear"),
+    [("quasi_static", "direct"), ("quasi_static", "iterative"), ("semi_implicit", "direct")],
+)
+def test_restart_is_bit_equal(dosui: Runner, integrator: str, linear: str) -> None:
     """A run that was cut in two is the run that was not."""
-    column = replace(STATIC, integrator=integrator, conductivity=1e-3, last=0.05)
+    column = replace(
+        STATIC,
+        integrator=integrator,
+        conductivity=1e-3,
+        last=0.05,
+        solver=f"linear = '{linear}'",
+    )
     limits = {"quasi_static": (20, 12), "semi_implicit": (200, 120)}[integrator]
     text = column.text().replace("&output", f"&output checkpoint_steps = {limits[1]}")
     whole = dosui(text.replace("&time", f"&time maximum_steps = {limits[0]}"), folder="whole")
@@ -193,6 +202,23 @@ def test_tolerance_bounds_the_error(dosui: Runner, tolerance: float) -> None:
         for name in ("pore_pressure", "displacement"):
             error = np.linalg.norm(found[name] - exact[name]) / np.linalg.norm(exact[name])
             assert error <= tolerance, (step, name)
+
+
+def test_iterative_solutions_on_any_number_of_ranks(dosui: Runner) -> None:
+    """A tolerance far below that of the steps: ranks choose the same steps."""
+    column = replace(STATIC, per_cell=2, jitter=0.25, last=0.05)
+    exact = dosui(column.text(), folder="direct")
+    tolerance = 1e-8
+    column = replace(column, solver=f"linear = 'iterative' tolerance = {tolerance}")
+    run = dosui(column.text(), ranks=3)
+    assert run.status == 0, run.stderr
+    assert "iterative solutions" in run.stdout
+    steps = exact.history("column", "dt")
+    assert run.history("column", "dt") == pytest.approx(steps, rel=tolerance)
+    for step in (0, -1):
+        for name in ("pore_pressure", "displacement"):
+            found, right = (r.fields("column", step)[name] for r in (run, exact))
+            assert norm(found, right) <= tolerance, (step, name)
 
 
 def test_direct_solutions_where_iterations_fail(

@@ -299,8 +299,7 @@ def test_a_dam_whose_levels_change_at_once(dosui):
 
 def test_an_embankment_on_soil_without_strength(dosui):
     # clay whose stresses begin at zero fails below the foot of the first lift
-    run = dosui(
-        """&scene dimension=2 integrator='quasi_static' gravity=0,-9.81 /
+    scene = """&scene dimension=2 integrator='quasi_static' gravity=0,-9.81 /
 &grid spacing=2.0 /
 &time end_time=6.3e7 geostatic_start=.true. /
 &material name='clay' model='cam_clay' poisson_ratio=0.3 critical_state_ratio=1.0
@@ -319,16 +318,22 @@ def test_an_embankment_on_soil_without_strength(dosui):
 &mechanical_condition surface='top' kind='pressure' value=60e3
   formula='min(1, max(0, (16 - x)/6))' factor_times=0,3.9e6 factor_values=0,1 /
 &hydraulic_condition surface='top' kind='head' value=10.0 /
-&output name='r' /
+&output name='r' checkpoint_steps=16 /
 """
-    )
+    run = dosui(scene)
     assert run.status == 1
     message = run.stderr.strip().splitlines()[-1]
     for words in ("no progress", "in 'clay'", "surface 'top'", "the soil is at failure"):
         assert words in message
     assert "times what the soil bears" in message
-    assert run.history("r", "step")[-1] < 100
+    steps = run.history("r", "step")[-1]
+    assert steps < 100
     assert np.isfinite(run.fields("r")["displacement"]).all()
+    # a restart remembers attempts without solution, and ends at the same step
+    again = dosui(scene, "--restart", str(run.folder / "r.restart.h5"), folder="again")
+    assert again.status == 1
+    assert again.stderr.strip().splitlines()[-1] == message
+    assert again.history("r", "step")[-1] == steps
 
 
 WET = """&scene dimension=2 integrator='explicit' gravity=0,-9.81 /
@@ -355,6 +360,23 @@ def test_explicit_steps_collapse_where_pores_fill(dosui):
     place = re.search(r"particle \d+ stores the least water .* at \((.*), (.*)\) m of 's'", message)
     assert float(place.group(2)) > 0.8  # below the wet surface
     assert np.isfinite(run.fields("r")["pore_pressure"]).all()
+
+
+def test_a_restart_keeps_the_promise_of_the_first_step(dosui):
+    # from the midst of the small steps: their own length promises nothing
+    scene = WET.replace("&output name='r'", "&output name='r' checkpoint_steps=64")
+    whole = dosui(scene, folder="whole")
+    last = whole.folder / "r.restart.h5"
+    with h5py.File(last) as file:
+        watch = file["values/integrator"][:]
+    assert 0 < watch[0] < 1e6
+    assert watch[2] > 0  # steps without hope have begun
+    again = dosui(scene, "--restart", str(last), folder="again", timeout=60)
+    assert whole.status == 1
+    assert again.status == 1
+    errors = [run.stderr.strip().splitlines()[-1] for run in (whole, again)]
+    assert "no progress" in errors[0]
+    assert errors[1] == errors[0]
 
 
 def test_explicit_steps_collapse_where_bodies_fly_off(dosui):

@@ -11,7 +11,7 @@ module dosui_resolution
   implicit none
   private
 
-  public :: warn_of_thin_regions, fills_a_cell
+  public :: warn_of_loose_nodes, warn_of_thin_regions, fills_a_cell
 
   real(wp), parameter :: skin = 1.0e-6_wp      !! of a cell, against round-off [-]
   real(wp), parameter :: coarse = 1.0_wp + skin   !! largest distance of particles [cells]
@@ -40,6 +40,38 @@ contains
       end associate
     end do
   end subroutine warn_of_thin_regions
+
+  subroutine warn_of_loose_nodes(model)
+    !! Warnings: nodes beside cut cells that no well-filled node leads, or none in some direction.
+    type(model_t), intent(inout) :: model
+
+    if (.not. model%extension%is_on) return
+    associate (extension => model%extension)
+      if (extension%n_short > 0) then
+        call model%log%warning(to_text(extension%n_short)//' nodes beside cut cells have '// &
+                               'well-filled nodes in some directions only, the first at '// &
+                               place_of(extension%first_short)//': a body is thinner than two '// &
+                               'cells there, and its strains across are not its own')
+      end if
+      if (extension%n_orphan > 0) then
+        call model%log%warning(to_text(extension%n_orphan)//' nodes beside cut cells have no '// &
+                               'well-filled node near, the first at '// &
+                               place_of(extension%first_orphan)//': they are free, and little '// &
+                               'holds them')
+      end if
+    end associate
+
+  contains
+
+    function place_of(coordinates) result(text)
+      !! A node's place in the scene's coordinates.
+      integer, intent(in) :: coordinates(ndim)
+      character(len=:), allocatable :: text
+
+      text = vector_text(model%scene%grid_origin + model%scene%local_origin + &
+                         model%scene%grid_spacing*coordinates)//' m'
+    end function place_of
+  end subroutine warn_of_loose_nodes
 
   pure logical function fills_a_cell(scene, r, rank, n_rank) result(fills)
     !! Does the material of a region fill a whole cell near it, among this rank's share of cells?

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -61,3 +63,30 @@ def test_thin_bodies_are_warned_of(tmp_path: Path) -> None:
         )
         _, output = run(case, tmp_path, PROGRAM)
         assert ("grid cells across" in output) == warns, output
+
+
+def test_loose_nodes_are_warned_of(tmp_path: Path) -> None:
+    """Nodes that lead in some directions only; the warning names one beside the body."""
+    for top, warns in (("1.3", False), ("1.07", True)):
+        text = f"""&scene dimension=2 integrator='quasi_static' gravity=0, 0 /
+&grid spacing=0.1 origin=0.04, 0.03 shape_function='linear' /
+&time end_time=1 /
+&material name='s' young_modulus=1e6 poisson_ratio=0.3 porosity=0.3 /
+&region name='c' material='s' box_min=5, 1 box_max=6, {top} particles_per_cell=2 /
+&surface name='x-' region='c' face='x-' /
+&mechanical_condition surface='x-' kind='fixed' /
+&output name='r' /
+"""
+        (tmp_path / "scene.nml").write_text(text)
+        done = subprocess.run(
+            [str(PROGRAM), "scene.nml"], cwd=tmp_path, capture_output=True, text=True, timeout=60
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+        output = done.stdout + done.stderr
+        found = re.search(r"in some directions only, the first at \(([\d.]+), ([\d.]+)\) m", output)
+        assert (found is not None) == warns, output
+        if found:
+            x, z = (float(found[k]) for k in (1, 2))
+            assert 4.9 <= x <= 6.1 and 0.9 <= z <= 1.23, output
+            for place, start in ((x, 0.04), (z, 0.03)):
+                assert abs((place - start) / 0.1 - round((place - start) / 0.1)) <= 1e-6, output

@@ -71,6 +71,7 @@ module dosui_cell_quadrature
     procedure :: init_from_shapes => cell_quadrature_init_from_shapes
     procedure :: init_from_particles => cell_quadrature_init_from_particles
     procedure :: weigh => cell_quadrature_weigh
+    procedure :: is_unseen => cell_quadrature_is_unseen
     procedure :: strain_operator => cell_quadrature_strain_operator
     procedure :: slopes => cell_quadrature_slopes
     procedure :: strains => cell_quadrature_strains
@@ -406,6 +407,16 @@ contains
       weight(p) = volume(p)*(self%measure(cell(p))/sums(cell(p)))
     end do
   end subroutine cell_quadrature_weigh
+
+  elemental logical function cell_quadrature_is_unseen(self, grid, cell, least) result(is_unseen)
+    !! Is a cell of exact measures filled by so much, but without particle?
+    class(cell_quadrature_t), intent(in) :: self
+    type(grid_t), intent(in) :: grid
+    integer, intent(in) :: cell
+    real(wp), intent(in) :: least   !! [-]
+
+    is_unseen = self%host(cell) /= cell .and. self%part(cell) >= least*grid%spacing**ndim
+  end function cell_quadrature_is_unseen
 
   pure subroutine cell_quadrature_strain_operator(self, grid, cell, operator)
     !! C of one part: its mean strain is the product with its corners' displacements.

@@ -90,3 +90,42 @@ def test_loose_nodes_are_warned_of(tmp_path: Path) -> None:
             assert 4.9 <= x <= 6.1 and 0.9 <= z <= 1.23, output
             for place, start in ((x, 0.04), (z, 0.03)):
                 assert abs((place - start) / 0.1 - round((place - start) / 0.1)) <= 1e-6, output
+
+
+@pytest.mark.parametrize("shape", ["linear", "bspline"])
+@pytest.mark.parametrize(
+    ("region", "unseen"),
+    [("", False), ("jitter=0.25 jitter_seed=8", True), ("lattice_angle=8", True)],
+)
+def test_weight_with_one_particle_a_cell(
+    tmp_path: Path, shape: str, region: str, unseen: bool
+) -> None:
+    """Rows of cells without particle moved by metres, single ones by the whole displacement."""
+    young, poisson, density, gravity, depth = 1.0e6, 0.3, 1400.0, 9.81, 0.52
+    (tmp_path / "scene.nml").write_text(
+        f"""&scene dimension=2 integrator='quasi_static' gravity=0, {-gravity} water='none' /
+&grid spacing=0.1 origin=0.043, 0.058 shape_function='{shape}' /
+&time end_time=1 /
+&material name='s' young_modulus={young} poisson_ratio={poisson} porosity=0.3
+  solid_density={density / 0.7} /
+&region name='c' material='s' box_min=0, 0 box_max=1.07, {depth} particles_per_cell=1 {region} /
+&surface name='x-' region='c' face='x-' /
+&surface name='x+' region='c' face='x+' /
+&surface name='z-' region='c' face='z-' /
+&mechanical_condition surface='x-' kind='roller' /
+&mechanical_condition surface='x+' kind='roller' /
+&mechanical_condition surface='z-' kind='roller' /
+&output name='r' /
+"""
+    )
+    done = subprocess.run(
+        [str(PROGRAM), "scene.nml"], cwd=tmp_path, capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert ("hold no particle" in done.stdout + done.stderr) == unseen
+    data = read(tmp_path / "r.vtkhdf", -1)
+    moved = data["displacement"][:, 2]
+    z = data["points"][:, 2] - moved
+    modulus = young * (1 - poisson) / (1 + poisson) / (1 - 2 * poisson)
+    exact = -density * gravity / modulus * (depth * z - z**2 / 2)
+    assert np.abs(moved - exact).max() <= 0.1 * np.abs(exact).max()

@@ -3,6 +3,7 @@
 module dosui_resolution
   use dosui_kinds, only: wp, i8
   use dosui_dimension, only: ndim
+  use dosui_keys, only: unpack_key
   use dosui_model, only: model_t
   use dosui_scene, only: scene_t
   use dosui_seeding, only: region_spacing
@@ -11,9 +12,10 @@ module dosui_resolution
   implicit none
   private
 
-  public :: warn_of_thin_regions, fills_a_cell
+  public :: warn_of_loose_nodes, warn_of_thin_regions, warn_of_unseen_cells, fills_a_cell
 
   real(wp), parameter :: skin = 1.0e-6_wp      !! of a cell, against round-off [-]
+  real(wp), parameter :: least_filled = 0.4997_wp   !! of a cell that should hold particles [-]
   real(wp), parameter :: coarse = 1.0_wp + skin   !! largest distance of particles [cells]
 
 contains
@@ -40,6 +42,63 @@ contains
       end associate
     end do
   end subroutine warn_of_thin_regions
+
+  subroutine warn_of_loose_nodes(model)
+    !! Warnings: nodes beside cut cells that no well-filled node leads, or none in some direction.
+    type(model_t), intent(inout) :: model
+
+    if (.not. model%extension%is_on) return
+    associate (extension => model%extension)
+      if (extension%n_short > 0) then
+        call model%log%warning(to_text(extension%n_short)//' nodes beside cut cells have '// &
+                               'well-filled nodes in some directions only, the first at '// &
+                               place_of(model, extension%first_short)//': a body is thinner '// &
+                               'than two cells there, and its strains across are not its own')
+      end if
+      if (extension%n_orphan > 0) then
+        call model%log%warning(to_text(extension%n_orphan)//' nodes beside cut cells have no '// &
+                               'well-filled node near, the first at '// &
+                               place_of(model, extension%first_orphan)//': they are free, '// &
+                               'and little holds them')
+      end if
+    end associate
+  end subroutine warn_of_loose_nodes
+
+  subroutine warn_of_unseen_cells(model)
+    !! Warning: cells that the bodies fill, but without particle. Collective.
+    type(model_t), intent(inout) :: model
+    integer(i8) :: first
+    integer :: c, n
+
+    if (.not. model%quadrature%exact .or. model%quadrature%fitted) return
+    n = 0
+    first = huge(first)
+    do c = 1, model%grid%n_cell
+      if (.not. model%grid%cell_map%is_owned(c)) cycle
+      if (.not. model%quadrature%is_unseen(model%grid, c, least_filled)) cycle
+      n = n + 1
+      first = min(first, model%grid%cell_key(c))
+    end do
+    n = model%comm%sum(n)
+    first = model%comm%minimum(first)
+    if (n == 0) return
+    associate (corner => unpack_key(first))
+      call model%log%warning(to_text(n)//' cells within the bodies hold no particle, the first '// &
+                             'at '//place_of(model, corner(1:ndim))//': they share the stress '// &
+                             'of particles beside them, and explicit steps let them swing; '// &
+                             'more particles_per_cell, or less jitter')
+    end associate
+  end subroutine warn_of_unseen_cells
+
+  function place_of(model, coordinates) result(text)
+    !! A node's place in the scene's coordinates.
+    type(model_t), intent(in) :: model
+    integer, intent(in) :: coordinates(ndim)
+    character(len=:), allocatable :: text
+
+    text = vector_text(model%scene%grid_origin + model%scene%local_origin + &
+                       model%scene%grid_spacing*coordinates)//' m'
+  end function place_of
 
   pure logical function fills_a_cell(scene, r, rank, n_rank) result(fills)
     !! Does the material of a region fill a whole cell near it, among this rank's share of cells?

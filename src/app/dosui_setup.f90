@@ -16,7 +16,8 @@ module dosui_setup
                                    register_surface_fields
   use dosui_place_properties, only: check_properties, choose_representatives, start_states
   use dosui_retention, only: retention_t
-  use dosui_resolution, only: warn_of_thin_regions
+  use dosui_resolution, only: warn_of_loose_nodes, warn_of_thin_regions, &
+                              warn_of_unseen_cells
   use dosui_scene, only: material_t, name_length, rigid_wall_t, scene_t
   use dosui_seeding, only: region_spacing, seed_regions
   use dosui_surface_overlaps, only: check_overlaps, warn_of_overlaps
@@ -387,6 +388,8 @@ contains
     call warn_of_lost_loads(model)
     call warn_of_overlaps(model)
     call warn_of_thin_regions(model)
+    call warn_of_loose_nodes(model)
+    call warn_of_unseen_cells(model)
     if (.not. model%coupled) return
     linear = model%comm%sum(model%head_operator%n_linear)
     isolated = model%comm%sum(model%head_operator%n_isolated)

@@ -66,7 +66,7 @@ contains
     logical, intent(in) :: is_filled(:)
     real(wp), intent(inout) :: forces(:, :)   !! (ndim, n_node) of this rank [N]
     real(wp) :: at(ndim, model%grid%n_cell), change(nsig, model%grid%n_cell)
-    real(wp), dimension(ndim, model%grid%n_cell) :: centre, middle   ! of cells and groups
+    real(wp) :: middle(ndim, model%grid%n_cell)   ! of groups
     real(wp) :: load(ndim)
     integer :: a, b, c, k
 
@@ -74,10 +74,8 @@ contains
       at(:, c) = model%grid%origin + model%grid%spacing* &
                  (real(model%grid%cell_base(:, c), wp) + model%quadrature%centroid(:, c))
     end do
-    call sum_places(model, centre)
-    call model%average%cell_means(model%comm, model%grid, ndim, centre)
     call find_group_centres(model, middle)
-    call find_changes(model, at, centre(:, model%quadrature%host), .false., change)
+    call find_changes(model, at, .false., change)
     call add_water(model, at, middle, is_filled, change)
     do c = 1, model%grid%n_cell
       if (.not. (is_filled(c) .and. model%grid%cell_map%is_owned(c))) cycle
@@ -152,7 +150,7 @@ contains
 
     m = model%surface%count
     call find_middles(model, condition, at, is_held)
-    call find_changes(model, at, centre, .true., change)
+    call find_changes(model, at, .true., change)
     call add_water(model, at, centre, is_held, change)
     associate (field => model%surface%field, h => model%s)
       call model%surface_forces%react(model%scene%mechanical_condition, &
@@ -221,12 +219,11 @@ contains
     end associate
   end subroutine sum_places
 
-  subroutine find_changes(model, at, centre, by_group, change)
+  subroutine find_changes(model, at, by_group, change)
     !! Initial effective stresses at a point of every cell less their mean over the particles of
     !! the cell's host, or group. Collective.
     type(model_t), intent(inout) :: model
     real(wp), intent(in) :: at(:, :)        !! (ndim, n_cell) [m]
-    real(wp), intent(in) :: centre(:, :)    !! (ndim, n_cell) of these particles [m]
     logical, intent(in) :: by_group
     real(wp), intent(out) :: change(:, :)   !! (nsig, n_cell), tension positive [Pa]
     real(wp) :: whole(model%grid%n_cell), of_particle(nsig)
@@ -242,9 +239,10 @@ contains
       do k = model%quadrature%member_start(g), model%quadrature%member_start(g + 1) - 1
         c = model%quadrature%member(k)
         if (.not. by_group .and. model%quadrature%host(c) /= model%cell(p)) cycle
-        of_particle = initial_stress_change(model%scene, model%material(p), model%coupled, &
-                                            model%particles%field(model%p%position)%values(:, p), &
-                                            at(:, c) - centre(:, c))
+        associate (x => model%particles%field(model%p%position)%values(:, p))
+          of_particle = initial_stress_change(model%scene, model%material(p), model%coupled, x, &
+                                              at(:, c) - x)
+        end associate
         change(:, c) = change(:, c) + model%weight(p)/whole(merge(g, model%cell(p), by_group))* &
                        of_particle
       end do

@@ -34,6 +34,7 @@ module dosui_implicit_system
   integer, parameter, public :: n_system_memory = 3   !! numbers that a checkpoint keeps
   integer, parameter :: last_resort = 20   !! times as many are factorised where iterations fail
   real(wp), parameter :: hourglass_stiffness = 0.1_wp
+  real(wp), parameter :: least_part = 0.1003_wp   !! of a cell whose nodes may lead others [-]
   !! of cells with one particle, over their deviatoric stiffness; it acts on increments only [-]
   real(wp), parameter :: empty_node = 1.0e-12_wp   !! stiffness of a node over the modulus [-]
 
@@ -418,7 +419,9 @@ contains
     logical, intent(in) :: keeps_held           !! columns of held components, too
     type(entries_t), intent(inout) :: skeleton
     real(wp) :: matrix(ndim*operators%n_node, ndim*operators%n_node), tangent(nsig, nsig)
-    integer :: p, k, m
+    real(wp), allocatable :: deviation(:, :, :), volume(:)
+    integer, allocatable :: node(:), place(:)
+    integer :: a, i, p, k, m
 
     matrix = 0.0_wp
     do p = 1, size(particle)
@@ -441,6 +444,17 @@ contains
       do p = 1, 2**ndim
         matrix(1:m, 1:m) = matrix(1:m, 1:m) + hourglass_stiffness/2**ndim* &
                            model%weight(particle(1))*product_of(hourglass(:, :, p), tangent)
+      end do
+    end if
+    call find_part_deviations(model, model%cell(particle(1)), node, deviation, volume)
+    if (size(volume) > 0) then
+      call elastic_tangent(model, particle(1), tangent)
+      place = [((ndim*(findloc(operators%node, node(i), dim=1) - 1) + a, a=1, ndim), &
+                i=1, size(node))]
+      do p = 1, size(volume)
+        matrix(place, place) = matrix(place, place) + &
+                               part_stiffness(model)*volume(p)* &
+                               product_of(deviation(:, :, p), tangent)
       end do
     end if
     matrix = matrix*(self%length/self%force)
@@ -1167,42 +1181,112 @@ contains
   end subroutine implicit_stored_by_projection
 
   subroutine add_hourglass_forces(model, motion, force)
-    !! Adds the forces by which cells with one particle resist hourglass modes of a motion.
-    !! Collective.
+    !! Adds the forces by which cells with one particle resist hourglass modes of a motion, and
+    !! cells without particle deviations from the mean strain that they share. Collective.
     type(model_t), intent(inout) :: model
     real(wp), intent(in) :: motion(:, :)       !! (ndim, n_node) [m]
     real(wp), intent(inout) :: force(:, :)     !! (ndim, n_node), complete [N]
-    real(wp) :: hourglass(nsig, ndim*2**ndim, 2**ndim), tangent(nsig, nsig)
-    real(wp) :: way(ndim*2**ndim), resistance(ndim*2**ndim)
-    real(wp), allocatable :: internal(:, :)
-    integer, allocatable :: start(:), particle(:)
-    integer :: c, i, p, k, node
+    real(wp) :: hourglass(nsig, ndim*2**ndim, 2**ndim), tangent(nsig, nsig), share(2**ndim)
+    real(wp), allocatable :: internal(:, :), deviation(:, :, :), volume(:)
+    integer, allocatable :: start(:), particle(:), node(:)
+    integer :: c, k
 
     if (.not. (model%centred .or. model%finite)) return
     call cell_lists(model%particles%count, model%cell, model%grid%n_cell, start, particle)
     call hourglass_operators(model%grid%spacing, hourglass)
     allocate (internal(ndim, model%grid%n_node), source=0.0_wp)
     do c = 1, model%grid%n_cell
-      if (start(c + 1) - start(c) /= 1) cycle
+      if (start(c + 1) == start(c)) cycle
       k = particle(start(c))
-      do i = 1, 2**ndim
-        way(ndim*(i - 1) + 1:ndim*i) = motion(:, model%grid%cell_node(i, c))
-      end do
       call elastic_tangent(model, k, tangent)
-      resistance = 0.0_wp
-      do p = 1, 2**ndim
-        resistance = resistance + hourglass_stiffness/2**ndim*model%weight(k)* &
-                     matmul(matmul(tangent, matmul(hourglass(:, :, p), way)), hourglass(:, :, p))
-      end do
-      do i = 1, 2**ndim
-        node = model%grid%cell_node(i, c)
-        internal(:, node) = internal(:, node) - resistance(ndim*(i - 1) + 1:ndim*i)
-      end do
+      if (start(c + 1) - start(c) == 1) then
+        share = hourglass_stiffness/2**ndim*model%weight(k)
+        call resist(model%grid%cell_node(:, c), hourglass, share)
+      end if
+      call find_part_deviations(model, c, node, deviation, volume)
+      if (size(volume) > 0) call resist(node, deviation, part_stiffness(model)*volume)
     end do
     call model%grid%node_map%scatter_add(model%comm, ndim, internal)
     call model%grid%node_map%gather(model%comm, ndim, internal)
     force = force + internal
+
+  contains
+
+    subroutine resist(nodes, operators, volumes)
+      !! Forces against the elastic stresses of strains.
+      integer, intent(in) :: nodes(:)
+      real(wp), intent(in) :: operators(:, :, :)   !! (nsig, ndim*nodes, points) [1/m]
+      real(wp), intent(in) :: volumes(:)           !! (points) [m3]
+      real(wp) :: way(ndim*size(nodes)), resistance(ndim*size(nodes))
+      integer :: p
+
+      way = reshape(motion(:, nodes), [size(way)])
+      resistance = 0.0_wp
+      do p = 1, size(volumes)
+        resistance = resistance + volumes(p)*matmul(matmul(tangent, &
+                                                           matmul(operators(:, :, p), way)), &
+                                                    operators(:, :, p))
+      end do
+      internal(:, nodes) = internal(:, nodes) - reshape(resistance, [ndim, size(nodes)])
+    end subroutine resist
   end subroutine add_hourglass_forces
+
+  pure real(wp) function part_stiffness(model) result(factor)
+    !! Of deviations within cells that share one strain, over the elastic one: all of it where
+    !! nothing yields [-].
+    type(model_t), intent(in) :: model
+
+    factor = merge(hourglass_stiffness, 1.0_wp, model%materials%is_nonlinear())
+  end function part_stiffness
+
+  subroutine find_part_deviations(model, cell, node, deviation, volume)
+    !! Strain operators of the parts that share the mean strain of a cell's particles, less this
+    !! mean, if one of them is more than a sliver without particle: its nodes do not follow others,
+    !! and rows of such cells could move through the body without any mean strain.
+    type(model_t), intent(in) :: model
+    integer, intent(in) :: cell                               !! with particles
+    integer, allocatable, intent(out) :: node(:)
+    real(wp), allocatable, intent(out) :: deviation(:, :, :)  !! (nsig, ndim*nodes, parts) [1/m]
+    real(wp), allocatable, intent(out) :: volume(:)           !! (parts), none: no such cell [m3]
+    integer, allocatable :: member(:)
+    real(wp), allocatable :: mean(:, :)
+    real(wp) :: part(nsig, ndim*2**ndim)
+    integer :: a, c, i, k, column
+
+    allocate (volume(0))
+    if (.not. (model%quadrature%exact .and. model%centred) .or. model%quadrature%fitted) return
+    associate (quadrature => model%quadrature, corner => model%grid%cell_node)
+      k = quadrature%group(cell)
+      member = quadrature%member(quadrature%member_start(k):quadrature%member_start(k + 1) - 1)
+      member = pack(member, quadrature%host(member) == cell)
+      if (.not. any(quadrature%is_unseen(model%grid, member, least_part))) return
+      allocate (node(0))
+      do k = 1, size(member)
+        do i = 1, 2**ndim
+          if (.not. any(node == corner(i, member(k)))) node = [node, corner(i, member(k))]
+        end do
+      end do
+      volume = quadrature%part(member)
+      allocate (deviation(nsig, ndim*size(node), size(member)), source=0.0_wp)
+      do k = 1, size(member)
+        c = member(k)
+        call quadrature%strain_operator(model%grid, c, part)
+        do i = 1, 2**ndim
+          do a = 1, ndim
+            column = ndim*(findloc(node, corner(i, c), dim=1) - 1) + a
+            deviation(:, column, k) = part(:, ndim*(i - 1) + a)
+          end do
+        end do
+      end do
+    end associate
+    allocate (mean(nsig, ndim*size(node)), source=0.0_wp)
+    do k = 1, size(member)
+      mean = mean + volume(k)/sum(volume)*deviation(:, :, k)
+    end do
+    do k = 1, size(member)
+      deviation(:, :, k) = deviation(:, :, k) - mean
+    end do
+  end subroutine find_part_deviations
 
   subroutine implicit_solve(self, model, flow_weight, force, time, prescribed, has_prescribed, &
                             supply, tolerance, is_guess, motion, pressure, err, without_loads)

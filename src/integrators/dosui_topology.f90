@@ -582,7 +582,7 @@ contains
       if (filling(c) > 0.0_wp) wanted(model%grid%cell_node(:, c)) = .true.
     end do
     call model%extension%init(model%comm, model%grid, filling, cells(1, :) > 0.5_wp, nodal(1, :), &
-                              wanted, .false.)
+                              wanted)
   end subroutine build_extension
 
   pure real(wp) function wall_modulus(model) result(modulus)

@@ -9,7 +9,7 @@ module dosui_scene_sizes
   use dosui_ratios, only: ratio => bounded_ratio
   use dosui_scene, only: region_t, scene_t
   use dosui_scene_keys, only: group_size
-  use dosui_seeding, only: region_spacing
+  use dosui_seeding, only: points_along, region_spacing
   use dosui_shapes, only: face_t, shape_bounds, shape_faces, shape_measure
   implicit none
   private
@@ -102,7 +102,8 @@ contains
     end if
     spacing = region_spacing(scene, region)
     if (region%shape == 'box' .and. abs(region%lattice_angle - region%shape_angle) <= 0.0_wp) then
-      sites = product(anint(ratio(region%box_max - region%box_min, spacing)))
+      sites = product(points_along(ratio(region%box_max - region%box_min, spacing), 1.0_wp, &
+                                   ratio(scene%grid_spacing, spacing)))
       particles = sites*shape_measure(region)/product(region%box_max - region%box_min)
     else
       call shape_bounds(region, region%shape_angle - region%lattice_angle, low, high)

@@ -71,6 +71,7 @@ module dosui_cell_quadrature
     procedure :: init_from_shapes => cell_quadrature_init_from_shapes
     procedure :: init_from_particles => cell_quadrature_init_from_particles
     procedure :: weigh => cell_quadrature_weigh
+    procedure :: is_unseen => cell_quadrature_is_unseen
     procedure :: strain_operator => cell_quadrature_strain_operator
     procedure :: slopes => cell_quadrature_slopes
     procedure :: strains => cell_quadrature_strains
@@ -407,6 +408,16 @@ contains
     end do
   end subroutine cell_quadrature_weigh
 
+  elemental logical function cell_quadrature_is_unseen(self, grid, cell, least) result(is_unseen)
+    !! Is a cell of exact measures filled by so much, but without particle?
+    class(cell_quadrature_t), intent(in) :: self
+    type(grid_t), intent(in) :: grid
+    integer, intent(in) :: cell
+    real(wp), intent(in) :: least   !! [-]
+
+    is_unseen = self%host(cell) /= cell .and. self%part(cell) >= least*grid%spacing**ndim
+  end function cell_quadrature_is_unseen
+
   pure subroutine cell_quadrature_strain_operator(self, grid, cell, operator)
     !! C of one part: its mean strain is the product with its corners' displacements.
     class(cell_quadrature_t), intent(in) :: self
@@ -438,52 +449,31 @@ contains
     type(grid_t), intent(in) :: grid
     real(wp), intent(in) :: velocity(ndim, grid%n_node)   !! [m/s]
     real(wp), intent(out) :: slope(ndim, ndim, grid%n_cell)   !! [1/s]
-    integer :: c
+    real(wp) :: centre(ndim, 2**ndim)
+    integer :: c, host
 
+    call hat_gradients(spread(0.5_wp, 1, ndim), spread(0.0_wp, 1, ndim), grid%spacing, centre)
     slope = 0.0_wp
     do c = 1, grid%n_cell
-      if (self%fitted) then
-        slope(:, :, c) = part_slope(self, grid, c, velocity)
-      else
-        slope(:, :, self%host(c)) = slope(:, :, self%host(c)) + &
-                                    self%share(c)*part_slope(self, grid, c, velocity)
+      host = c
+      if (.not. self%fitted) then
+        host = self%host(c)
+        if (.not. self%share(c) > 0.0_wp) cycle
+        centre = self%share(c)*self%gradient(:, :, c)
       end if
+      slope(:, :, host) = slope(:, :, host) + slope_of(grid, c, centre, velocity)
     end do
   end subroutine cell_quadrature_slopes
 
-  pure function part_slope(self, grid, cell, velocity) result(slope)
-    !! Gradient of one part [1/s].
-    type(cell_quadrature_t), intent(in) :: self
-    type(grid_t), intent(in) :: grid
-    integer, intent(in) :: cell
-    real(wp), intent(in) :: velocity(ndim, grid%n_node)   !! [m/s]
-    real(wp) :: slope(ndim, ndim), centre(ndim, 2**ndim)
-    integer :: a, b, k
-
-    if (self%fitted) then
-      call hat_gradients(spread(0.5_wp, 1, ndim), spread(0.0_wp, 1, ndim), grid%spacing, centre)
-    else
-      centre = self%gradient(:, :, cell)
-    end if
-    slope = 0.0_wp
-    do k = 1, 2**ndim
-      do b = 1, ndim
-        do a = 1, ndim
-          slope(a, b) = slope(a, b) + velocity(a, grid%cell_node(k, cell))*centre(b, k)
-        end do
-      end do
-    end do
-  end function part_slope
-
   pure subroutine cell_quadrature_strains(self, grid, dt, velocity, strain)
-    !! Kernel: dt sym(C v) of every cell that has particles.
+    !! Kernel: dt sym(C v), from the same gradients.
     class(cell_quadrature_t), intent(in) :: self
     type(grid_t), intent(in) :: grid
     real(wp), intent(in) :: dt                        !! [s]
     real(wp), intent(in) :: velocity(ndim, grid%n_node)   !! [m/s]
     real(wp), intent(out) :: strain(nsig, grid%n_cell)    !! tension positive, 2 x shear [-]
     real(wp) :: centre(ndim, 2**ndim), slope(ndim, ndim)
-    integer :: a, b, c, k, host
+    integer :: a, b, c, host
 
     call hat_gradients(spread(0.5_wp, 1, ndim), spread(0.0_wp, 1, ndim), grid%spacing, centre)
     strain = 0.0_wp
@@ -494,14 +484,7 @@ contains
         if (.not. self%share(c) > 0.0_wp) cycle
         centre = self%share(c)*self%gradient(:, :, c)
       end if
-      slope = 0.0_wp
-      do k = 1, 2**ndim
-        do b = 1, ndim
-          do a = 1, ndim
-            slope(a, b) = slope(a, b) + velocity(a, grid%cell_node(k, c))*centre(b, k)
-          end do
-        end do
-      end do
+      slope = slope_of(grid, c, centre, velocity)
       do b = 1, ndim
         do a = 1, ndim
           strain(voigt_slot(a, b), host) = strain(voigt_slot(a, b), host) + dt*slope(a, b)
@@ -509,6 +492,25 @@ contains
       end do
     end do
   end subroutine cell_quadrature_strains
+
+  pure function slope_of(grid, cell, centre, velocity) result(slope)
+    !! Kernel: a cell's gradient C of a nodal field [1/s].
+    type(grid_t), intent(in) :: grid
+    integer, intent(in) :: cell
+    real(wp), intent(in) :: centre(ndim, 2**ndim)         !! C [1/m]
+    real(wp), intent(in) :: velocity(ndim, grid%n_node)   !! [m/s]
+    real(wp) :: slope(ndim, ndim)
+    integer :: a, b, k
+
+    slope = 0.0_wp
+    do k = 1, 2**ndim
+      do b = 1, ndim
+        do a = 1, ndim
+          slope(a, b) = slope(a, b) + velocity(a, grid%cell_node(k, cell))*centre(b, k)
+        end do
+      end do
+    end do
+  end function slope_of
 
   pure subroutine cell_quadrature_forces(self, grid, share, stress, force)
     !! Kernel: adds - W C^T sigma of every cell, the adjoint of `strains`.

@@ -79,6 +79,7 @@ module dosui_nodal_extension
     integer :: n_follow = 0    !! nodes that follow, on all ranks
     integer :: n_short = 0     !! of them: without neighbours in some direction
     integer :: n_orphan = 0    !! ill-posed nodes that nothing leads: they stay free
+    integer :: first_short(ndim) = 0, first_orphan(ndim) = 0   !! coordinates of one, if there are
     integer :: n_solve = 0, n_iteration = 0, most_iterations = 0
   contains
     procedure :: init => nodal_extension_init
@@ -111,7 +112,7 @@ contains
 
   ! ---------------------------------------------------------------- construction
 
-  subroutine nodal_extension_init(self, comm, grid, filling, is_occupied, amount, wanted, moves)
+  subroutine nodal_extension_init(self, comm, grid, filling, is_occupied, amount, wanted)
     !! Finds the well-posed nodes and what the others follow. Collective.
     class(nodal_extension_t), intent(inout) :: self
     type(communicator_t), intent(in) :: comm
@@ -122,7 +123,6 @@ contains
     !! sum N_i V_p, complete, over a cell's volume [-]
     logical, intent(in) :: wanted(grid%n_node)
     !! nodes whose rows this rank needs; owned ones with particles or filled cells have theirs
-    logical, intent(in) :: moves   !! particles may come to nodes that have none
     type(node_table_t) :: table
     type(fit_t), allocatable :: fit(:)
     real(wp), allocatable :: around(:, :)
@@ -137,7 +137,7 @@ contains
     call find_well_posed(comm, grid, amount, around, table)
     allocate (needs_row(grid%n_node))
     do i = 1, grid%n_node
-      needs_row(i) = moves .or. around(1, i) > 0.0_wp .or. amount(i) > 0.0_wp
+      needs_row(i) = around(1, i) > 0.0_wp .or. amount(i) > 0.0_wp
       needs_row(i) = needs_row(i) .and. (wanted(i) .or. grid%node_map%is_owned(i)) .and. &
                      .not. table%is_well(i)
     end do
@@ -701,23 +701,33 @@ contains
     real(wp) :: mark(1, grid%n_node)
     integer, allocatable :: strip_of(:)
     integer :: r, k, n, place
-    integer(i8) :: counts(3)
+    integer(i8) :: counts(3), key, first(2)
 
     self%follows = spread(.false., 1, grid%n_node)
     mark = 0.0_wp
     counts = 0_i8
+    first = huge(first)
     do r = 1, size(row_node)
       if (fit(r)%n > 0) mark(1, row_node(r)) = 1.0_wp
       if (.not. grid%node_map%is_owned(row_node(r))) cycle
-      if (fit(r)%n > 0) counts(1) = counts(1) + 1_i8
-      if (fit(r)%n > 0 .and. fit(r)%is_short) counts(2) = counts(2) + 1_i8
-      if (fit(r)%n == 0) counts(3) = counts(3) + 1_i8
+      key = grid%node_key(row_node(r))
+      if (fit(r)%n == 0) then
+        counts(3) = counts(3) + 1_i8
+        first(2) = min(first(2), key)
+        cycle
+      end if
+      counts(1) = counts(1) + 1_i8
+      if (.not. fit(r)%is_short) cycle
+      counts(2) = counts(2) + 1_i8
+      first(1) = min(first(1), key)
     end do
     call grid%node_map%gather(comm, 1, mark)
     self%follows = mark(1, :) > 0.5_wp
     self%n_follow = int(comm%sum(counts(1)))
     self%n_short = int(comm%sum(counts(2)))
     self%n_orphan = int(comm%sum(counts(3)))
+    self%first_short = coordinates_of(comm%minimum(first(1)), self%n_short)
+    self%first_orphan = coordinates_of(comm%minimum(first(2)), self%n_orphan)
     call build_strip(self, comm, grid, table, fit, strip_of)
     self%n_row = count(fit%n > 0)
     if (allocated(self%row_node)) deallocate (self%row_node, self%row_start, self%source, &
@@ -742,6 +752,18 @@ contains
       self%row_start(n + 1) = self%row_start(n) + fit(r)%n
     end do
   end subroutine keep_fits
+
+  pure function coordinates_of(key, n) result(place)
+    !! Coordinates of the first of n nodes; 0 if there is none.
+    integer(i8), intent(in) :: key
+    integer, intent(in) :: n
+    integer :: place(ndim), all(3)
+
+    place = 0
+    if (n == 0) return
+    all = unpack_key(key)
+    place = all(1:ndim)
+  end function coordinates_of
 
   subroutine build_strip(self, comm, grid, table, fit, strip_of)
     !! The sources: all of this rank's nodes that any rank's rows use, and others' in its own rows.

@@ -15,7 +15,7 @@ module dosui_seeding
   implicit none
   private
 
-  public :: seed_regions, region_spacing, lattice_parity, grid_reach
+  public :: seed_regions, region_spacing, points_along, lattice_parity, grid_reach
 
   real(wp), parameter :: closest_to_face = 0.1_wp   !! for jittered particles, in spacings [-]
   real(wp), parameter :: round_off = 1.0e-9_wp      !! of a spacing [-]
@@ -61,10 +61,25 @@ contains
     reach = reach*real(largest_index, wp)
   end function grid_reach
 
-  pure function region_lattice(region, spacing) result(lattice)
+  pure elemental real(wp) function points_along(extent, spacing, grid_spacing) result(n)
+    !! Particles along the side of a box: the whole number whose distance is next to the spacing.
+    !! A spacing within a cell is not stretched beyond one: rows of cells would hold no particle,
+    !! and nothing the nodes beside them [-].
+    real(wp), intent(in) :: extent         !! [m]
+    real(wp), intent(in) :: spacing        !! [m]
+    real(wp), intent(in) :: grid_spacing   !! [m]
+    real(wp), parameter :: round_off = 1.0e-9_wp
+
+    n = anint(extent/spacing)
+    if (.not. n > 0.0_wp .or. spacing > grid_spacing*(1.0_wp + round_off)) return
+    n = max(n, aint(extent/grid_spacing*(1.0_wp - round_off)) + 1.0_wp)
+  end function points_along
+
+  pure function region_lattice(region, spacing, grid_spacing) result(lattice)
     !! The lattice of a region. When it follows a box the spacing is stretched to fit whole numbers.
     type(region_t), intent(in) :: region
-    real(wp), intent(in) :: spacing   !! [m]
+    real(wp), intent(in) :: spacing        !! [m]
+    real(wp), intent(in) :: grid_spacing   !! [m]
     type(lattice_t) :: lattice
     real(wp) :: extent(ndim), low(ndim), high(ndim)
     logical :: follows   ! with a whole number of points along its sides
@@ -77,7 +92,7 @@ contains
     if (allocated(region%hole)) lattice%fills_shape = follows .and. size(region%hole) == 0
     if (follows) then
       extent = region%box_max - region%box_min
-      lattice%n = nint(min(extent/spacing, most_points), i8)
+      lattice%n = nint(min(points_along(extent, spacing, grid_spacing), most_points), i8)
       lattice%step = extent/real(max(1_i8, lattice%n), wp)
       lattice%first = region%box_min + 0.5_wp*lattice%step
     else
@@ -98,7 +113,7 @@ contains
     type(lattice_t) :: lattice
     real(wp) :: x(ndim)
 
-    lattice = region_lattice(region, region_spacing(scene, region))
+    lattice = region_lattice(region, region_spacing(scene, region), scene%grid_spacing)
     x = lattice%pivot + turned(position - lattice%pivot, -lattice%angle)
     parity = int(modulo(sum(nint((x - lattice%first)/lattice%step, i8)), 2_i8))
   end function lattice_parity
@@ -122,7 +137,7 @@ contains
     first_id = 0_i8
     do r = 1, size(scene%region)
       spacing = region_spacing(scene, scene%region(r))
-      lattice = region_lattice(scene%region(r), spacing)
+      lattice = region_lattice(scene%region(r), spacing, scene%grid_spacing)
       if (allocated(scene%region(r)%particle)) then
         call share_particles(comm, scene%region(r), position, id)
       else if (.not. product(real(lattice%n, wp)) < &

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -61,3 +63,69 @@ def test_thin_bodies_are_warned_of(tmp_path: Path) -> None:
         )
         _, output = run(case, tmp_path, PROGRAM)
         assert ("grid cells across" in output) == warns, output
+
+
+def test_loose_nodes_are_warned_of(tmp_path: Path) -> None:
+    """Nodes that lead in some directions only; the warning names one beside the body."""
+    for top, warns in (("1.3", False), ("1.07", True)):
+        text = f"""&scene dimension=2 integrator='quasi_static' gravity=0, 0 /
+&grid spacing=0.1 origin=0.04, 0.03 shape_function='linear' /
+&time end_time=1 /
+&material name='s' young_modulus=1e6 poisson_ratio=0.3 porosity=0.3 /
+&region name='c' material='s' box_min=5, 1 box_max=6, {top} particles_per_cell=2 /
+&surface name='x-' region='c' face='x-' /
+&mechanical_condition surface='x-' kind='fixed' /
+&output name='r' /
+"""
+        (tmp_path / "scene.nml").write_text(text)
+        done = subprocess.run(
+            [str(PROGRAM), "scene.nml"], cwd=tmp_path, capture_output=True, text=True, timeout=60
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+        output = done.stdout + done.stderr
+        found = re.search(r"in some directions only, the first at \(([\d.]+), ([\d.]+)\) m", output)
+        assert (found is not None) == warns, output
+        if found:
+            x, z = (float(found[k]) for k in (1, 2))
+            assert 4.9 <= x <= 6.1 and 0.9 <= z <= 1.23, output
+            for place, start in ((x, 0.04), (z, 0.03)):
+                assert abs((place - start) / 0.1 - round((place - start) / 0.1)) <= 1e-6, output
+
+
+@pytest.mark.parametrize("shape", ["linear", "bspline"])
+@pytest.mark.parametrize(
+    ("region", "unseen"),
+    [("", False), ("jitter=0.25 jitter_seed=8", True), ("lattice_angle=8", True)],
+)
+def test_weight_with_one_particle_a_cell(
+    tmp_path: Path, shape: str, region: str, unseen: bool
+) -> None:
+    """Rows of cells without particle moved by metres, single ones by the whole displacement."""
+    young, poisson, density, gravity, depth = 1.0e6, 0.3, 1400.0, 9.81, 0.52
+    (tmp_path / "scene.nml").write_text(
+        f"""&scene dimension=2 integrator='quasi_static' gravity=0, {-gravity} water='none' /
+&grid spacing=0.1 origin=0.043, 0.058 shape_function='{shape}' /
+&time end_time=1 /
+&material name='s' young_modulus={young} poisson_ratio={poisson} porosity=0.3
+  solid_density={density / 0.7} /
+&region name='c' material='s' box_min=0, 0 box_max=1.07, {depth} particles_per_cell=1 {region} /
+&surface name='x-' region='c' face='x-' /
+&surface name='x+' region='c' face='x+' /
+&surface name='z-' region='c' face='z-' /
+&mechanical_condition surface='x-' kind='roller' /
+&mechanical_condition surface='x+' kind='roller' /
+&mechanical_condition surface='z-' kind='roller' /
+&output name='r' /
+"""
+    )
+    done = subprocess.run(
+        [str(PROGRAM), "scene.nml"], cwd=tmp_path, capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert ("hold no particle" in done.stdout + done.stderr) == unseen
+    data = read(tmp_path / "r.vtkhdf", -1)
+    moved = data["displacement"][:, 2]
+    z = data["points"][:, 2] - moved
+    modulus = young * (1 - poisson) / (1 + poisson) / (1 - 2 * poisson)
+    exact = -density * gravity / modulus * (depth * z - z**2 / 2)
+    assert np.abs(moved - exact).max() <= 0.1 * np.abs(exact).max()

@@ -118,7 +118,8 @@ contains
     stress = model%particles%field(model%p%effective_stress)%values
     call take_strains(model, elastic, stress, err)   ! none yet: back to the yield surface
     state%is_direct = is_small(model) .and. &
-                      .not. (state%undrained .or. model%finite .or. allocated(model%scene%rigid_wall))
+                      .not. (state%undrained .or. model%finite .or. &
+                             allocated(model%scene%rigid_wall))
     if (state%is_direct) state%is_direct = .not. hangs_on_walls(model)
     do k = 1, correction_limit + 1
       call model%comm%agree(err)

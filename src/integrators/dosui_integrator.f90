@@ -54,7 +54,7 @@ module dosui_integrator
       import :: integrator_t, wp
       implicit none
       class(integrator_t), intent(in) :: self
-      real(wp), allocatable :: values(:)
+      real(wp), allocatable :: values(:)   !! [several units]
     end function integrator_memory
     subroutine integrator_recall(self, model, values, err)
       !! Takes up the steps of the run that wrote a checkpoint, after `init`. Collective.
@@ -62,7 +62,7 @@ module dosui_integrator
       implicit none
       class(integrator_t), intent(inout) :: self
       type(model_t), intent(inout) :: model
-      real(wp), intent(in) :: values(:)   !! as from `memory`
+      real(wp), intent(in) :: values(:)   !! as from `memory` [several units]
       type(error_t), intent(inout) :: err
     end subroutine integrator_recall
   end interface

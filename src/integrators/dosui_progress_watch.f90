@@ -132,7 +132,7 @@ contains
   pure function watch_memory(self) result(values)
     !! What a checkpoint keeps of the watch.
     class(progress_watch_t), intent(in) :: self
-    real(wp) :: values(n_watch_memory)
+    real(wp) :: values(n_watch_memory)   !! [s, -]
 
     values = [self%origin, self%start, self%now, self%smallest, self%step, self%longest, &
               real([self%n_troubled, self%n_vain, merge(1, 0, self%has_failed), self%n_attempt, &
@@ -142,7 +142,7 @@ contains
   pure subroutine watch_recall(self, values)
     !! Takes up the watch of the run that wrote a checkpoint; the end of the run may be another.
     class(progress_watch_t), intent(inout) :: self
-    real(wp), intent(in) :: values(n_watch_memory)   !! as from `memory`
+    real(wp), intent(in) :: values(n_watch_memory)   !! as from `memory` [s, -]
 
     self%origin = values(1)
     self%start = values(2)

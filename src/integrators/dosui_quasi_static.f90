@@ -239,7 +239,7 @@ contains
   pure function quasi_static_memory(self) result(values)
     !! The watch, stiffened tangents and the equations.
     class(quasi_static_t), intent(in) :: self
-    real(wp), allocatable :: values(:)
+    real(wp), allocatable :: values(:)   !! [several units]
 
     values = [self%watch%memory(), real(self%n_stiff, wp), self%solver%stiffening, &
               self%solver%system%memory()]
@@ -249,7 +249,7 @@ contains
     !! Goes on watching, stiffening and solving as before. Collective.
     class(quasi_static_t), intent(inout) :: self
     type(model_t), intent(inout) :: model
-    real(wp), intent(in) :: values(:)   !! as from `memory`
+    real(wp), intent(in) :: values(:)   !! as from `memory` [several units]
     type(error_t), intent(inout) :: err
 
     associate (n => n_watch_memory)

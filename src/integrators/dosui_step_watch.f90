@@ -64,7 +64,7 @@ contains
   pure function watch_memory(self) result(values)
     !! What a checkpoint keeps of the watch.
     class(step_watch_t), intent(in) :: self
-    real(wp) :: values(3)
+    real(wp) :: values(3)   !! [s, -, -]
 
     values = [self%first, self%parts, self%hopeless]
   end function watch_memory
@@ -72,7 +72,7 @@ contains
   pure subroutine watch_recall(self, values)
     !! Takes up the watch of the run that wrote a checkpoint.
     class(step_watch_t), intent(inout) :: self
-    real(wp), intent(in) :: values(:)   !! as from `memory`
+    real(wp), intent(in) :: values(:)   !! as from `memory` [s, -, -]
 
     self%first = values(1)
     self%parts = values(2)

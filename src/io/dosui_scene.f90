@@ -457,7 +457,7 @@ contains
     !! Sets a constant of the soil by its key; nothing if the model has none of that name.
     class(material_t), intent(inout) :: self
     character(len=*), intent(in) :: key
-    real(wp), intent(in) :: value   !! unit of the key
+    real(wp), intent(in) :: value   !! [unit of the key]
     integer :: k
 
     call self%choose_soil()

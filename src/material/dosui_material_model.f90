@@ -309,7 +309,7 @@ contains
     integer, intent(in) :: n                              !! points
     real(wp), intent(in) :: strain_increment(nsig, n)     !! tension positive, 2 x shear [-]
     real(wp), intent(inout) :: stress(nsig, n)            !! effective, tension positive [Pa]
-    real(wp), intent(inout) :: state(:, :)                !! (n_state, n) of the model
+    real(wp), intent(inout) :: state(:, :)                !! (n_state, n) [units of `state_units`]
     type(error_t), intent(inout) :: err
     real(wp), intent(out), optional :: tangent(nsig, nsig, n)
     !! derivative of the new stress with respect to the increment, 2 x shear [Pa]
@@ -338,7 +338,7 @@ contains
     !! As `elastic_tangent`, with the constants of the point's place.
     class(material_model_t), intent(in) :: self
     real(wp), intent(in) :: stress(nsig)             !! effective, tension positive [Pa]
-    real(wp), intent(in) :: state(:)                 !! of the model, more may follow
+    real(wp), intent(in) :: state(:)                 !! more may follow [units of `state_units`]
     real(wp), intent(out) :: tangent(nsig, nsig)     !! for 2 x shear strains [Pa]
     class(material_model_t), allocatable :: local
     integer :: m
@@ -357,7 +357,7 @@ contains
   pure subroutine material_model_moduli(self, state, bulk, shear)
     !! The moduli of a point of a material that varies.
     class(material_model_t), intent(in) :: self
-    real(wp), intent(in) :: state(:)         !! of the model, more may follow
+    real(wp), intent(in) :: state(:)         !! more may follow [units of `state_units`]
     real(wp), intent(out) :: bulk, shear     !! K and G, the largest the point can have [Pa]
     class(material_model_t), allocatable :: local
 
@@ -370,7 +370,7 @@ contains
   pure function material_model_place_values(self, state) result(values)
     !! The constants of a point that vary [units of theirs].
     class(material_model_t), intent(in) :: self
-    real(wp), intent(in) :: state(:)     !! of the model, more may follow
+    real(wp), intent(in) :: state(:)     !! more may follow [units of `state_units`]
     real(wp), allocatable :: values(:)
     integer :: m
 
@@ -381,7 +381,7 @@ contains
   subroutine material_model_represent(self, values)
     !! Takes constants that stand for the whole material where one value must do.
     class(material_model_t), intent(inout) :: self
-    real(wp), intent(in) :: values(:)    !! as from `place_values`
+    real(wp), intent(in) :: values(:)    !! as from `place_values` [units of theirs]
 
     self%constant(self%varying)%constant = values
     call self%prepare()
@@ -394,7 +394,7 @@ contains
     real(wp), intent(in) :: place(:)          !! for formulas, the local origin added [m]
     real(wp), intent(in) :: porosity          !! [-]
     real(wp), intent(in) :: stress(nsig)      !! effective, tension positive [Pa]
-    real(wp), intent(inout) :: state(:)       !! of the model, more may follow
+    real(wp), intent(inout) :: state(:)       !! more may follow [units of `state_units`]
     character(len=:), allocatable, intent(out) :: message
     !! a constant that is out of range there; unallocated: none is
     class(material_model_t), allocatable :: local

@@ -15,7 +15,7 @@ module dosui_materials
 
   character(len=*), parameter, public :: model_names(5) = &
                                          [character(len=16) :: 'linear_elastic', 'mohr_coulomb', &
-                                          'drucker_prager', 'cam_clay', 'dafalias_manzari']
+                                                   'drucker_prager', 'cam_clay', 'dafalias_manzari']
 
   type, public :: material_holder_t
     !! One material; particles refer to it by its index in the set.
@@ -153,27 +153,6 @@ contains
       call self%item(k)%model%vary()
     end do
   end subroutine material_set_reduce_strength
-
-  pure elemental logical function follows_finite_strains(material) result(follows)
-    !! Does all that a material remembers turn with the body? Fabric tensors do not.
-    type(material_t), intent(in) :: material
-
-    follows = material%model /= 'dafalias_manzari'
-  end function follows_finite_strains
-
-  pure elemental logical function has_strength(material) result(has)
-    !! Does a material have the cohesion and friction angle that `weakened` divides?
-    type(material_t), intent(in) :: material
-
-    has = material%model == 'mohr_coulomb' .or. material%model == 'drucker_prager'
-  end function has_strength
-
-  pure elemental logical function keeps_strength(material) result(keeps)
-    !! Does a material fail by constants that `weakened` leaves?
-    type(material_t), intent(in) :: material
-
-    keeps = material%model == 'cam_clay' .or. material%model == 'dafalias_manzari'
-  end function keeps_strength
 
   pure integer function material_set_n_state(self) result(n_state)
     !! State variables per particle that the neediest material asks for.

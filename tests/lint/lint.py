@@ -48,9 +48,9 @@ MAY_USE = {
     "app": "base dimension parallel material grid particles mechanics hydraulics solvers"
     " integrators io",
 }
-# Modules that count as another room than their folder: the scene is plain types with defaults,
-# which every room is built from; the build information is constants.
-COUNTS_AS = {"dosui_scene": "dimension", "dosui_build_info": "base"}
+# Modules that count as another room than their folder: the scene is types with defaults, soils
+# among them, which most rooms are built from; the build information is constants.
+COUNTS_AS = {"dosui_scene": "material", "dosui_build_info": "base"}
 # Foreign modules and the only room that may use them.
 FOREIGN = {"mpi_f08": "parallel", "mpi": "nobody", "hdf5": "io", "h5lt": "io"}
 INTRINSIC = {
@@ -161,7 +161,7 @@ KNOWN_BY_NAME = {
         "linear_elastic mohr_coulomb drucker_prager cam_clay dafalias_manzari",
         "",
         "dosui_materials",
-        "dosui_scene_keys",
+        "",
     ),
     "wall": (
         "roller fixed normal_velocity plate",

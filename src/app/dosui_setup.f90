@@ -47,7 +47,7 @@ contains
     model%comm = comm
     model%scene = scene
     call model%log%init(comm%is_root())
-    model%coupled = scene%water_mode == 'saturated'
+    model%coupled = scene%water_mode == 'coupled'
     model%rigid = all(scene%material%rigid)
     model%updated = scene%deformation == 'updated'
     model%finds_surface = model%updated .and. any(scene%surface%face == 'free')

@@ -8,7 +8,7 @@ module dosui_key_visitor
   implicit none
   private
 
-  public :: key, real_text, in_range, n_choice, choice_of
+  public :: key, real_text, in_range, n_choice, choice_of, present_choice
 
   integer, parameter, public :: name_length = 64   !! characters of a name in a scene
 
@@ -27,6 +27,9 @@ module dosui_key_visitor
     character(len=:), allocatable :: description   !! one line
     character(len=:), allocatable :: only          !! '' or where it has a meaning: kind = 'given'
     character(len=:), allocatable :: fallback      !! '' or the default in words
+    character(len=:), allocatable :: former        !! '' or what the key was called before
+    character(len=:), allocatable :: former_choices
+    !! '' or pairs of a former choice and its present name, separated by blanks
     logical :: is_required = .false.
     logical :: applies = .true.                    !! is the condition `only` met in this instance?
     logical :: is_undecided = .false.              !! unknown, because a choice above is missing
@@ -134,10 +137,11 @@ module dosui_key_visitor
 contains
 
   pure function key(name, description, unit, range, choices, only, applies, required, fallback, &
-                    longest, undecided, restart)
+                    longest, undecided, restart, former, former_choices)
     !! A key with what was left out empty.
     character(len=*), intent(in) :: name, description
-    character(len=*), intent(in), optional :: unit, range, choices, only, fallback
+    character(len=*), intent(in), optional :: unit, range, choices, only, fallback, former
+    character(len=*), intent(in), optional :: former_choices
     logical, intent(in), optional :: applies, required, undecided
     integer, intent(in), optional :: longest, restart
     type(key_t) :: key
@@ -149,11 +153,15 @@ contains
     key%choices = ''
     key%only = ''
     key%fallback = ''
+    key%former = ''
+    key%former_choices = ''
     if (present(unit)) key%unit = unit
     if (present(range)) key%range = range
     if (present(choices)) key%choices = choices
     if (present(only)) key%only = only
     if (present(fallback)) key%fallback = fallback
+    if (present(former)) key%former = former
+    if (present(former_choices)) key%former_choices = former_choices
     if (present(applies)) key%applies = applies
     if (present(required)) key%is_required = required
     if (present(longest)) key%longest = longest
@@ -215,6 +223,20 @@ contains
     end do
     choice = choices(first:first - 2 + index(choices(first:)//' ', ' '))
   end function choice_of
+
+  pure function present_choice(former_choices, choice) result(present_name)
+    !! What a former choice is called now, '' if it never was one.
+    character(len=*), intent(in) :: former_choices   !! pairs, as of keys
+    character(len=*), intent(in) :: choice
+    character(len=:), allocatable :: present_name
+    integer :: k
+
+    present_name = ''
+    do k = 1, n_choice(former_choices), 2
+      if (choice_of(former_choices, k) /= choice) cycle
+      present_name = trim(choice_of(former_choices, k + 1))
+    end do
+  end function present_choice
 
   pure function real_text(x) result(text)
     !! A real as namelist text, '' if it stands for no limit.

@@ -295,7 +295,7 @@ module dosui_scene
     character(len=:), allocatable :: text            !! its text as read
     character(len=:), allocatable :: echo            !! every key with the value in force
     character(len=:), allocatable :: title
-    character(len=name_length) :: water_mode = 'saturated'       !! 'none' or 'saturated'
+    character(len=name_length) :: water_mode = 'coupled'       !! 'none' or 'coupled'
     character(len=name_length) :: integrator = automatic
     !! 'explicit', 'semi_implicit' or 'quasi_static'; 'auto' until `resolve_integrator`
     type(integrator_choice_t) :: choice              !! why that integrator

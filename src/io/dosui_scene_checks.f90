@@ -716,7 +716,7 @@ contains
     type(checker_t), intent(inout) :: checker
     type(scene_t), intent(in) :: scene
     character(len=*), parameter :: reason = &
-                                   'has a meaning only with water = ''saturated'' in &scene'
+                                   'has a meaning only with water = ''coupled'' in &scene'
     integer :: k
 
     if (scene%water_mode /= 'none') return
@@ -782,7 +782,7 @@ contains
     do k = 1, group_size(scene, 'barrier')
       if (ndim == 1) call checker%complain('barrier', k, '', 'needs dimension = 2 or 3')
       if (scene%water_mode == 'none') call checker%complain('barrier', k, '', &
-                                                    'has a meaning only with water = ''saturated''')
+                                                    'has a meaning only with water = ''coupled''')
       if (.not. allocated(scene%barrier(k)%vertices)) cycle
       associate (vertices => scene%barrier(k)%vertices)
         n = size(vertices, 2)
@@ -934,7 +934,7 @@ contains
     if (.not. allocated(scene%source%water)) return
     if (scene%water_mode == 'none') then
       call checker%complain('source', 1, 'water', &
-                            'has a meaning only with water = ''saturated'' in &scene')
+                            'has a meaning only with water = ''coupled'' in &scene')
     end if
     call formula%parse(scene%source%water, [axis_name(axis), 't'], message)
     if (allocated(message)) call checker%complain('source', 1, 'water', message)
@@ -984,7 +984,7 @@ contains
                               trim(verification%case)//"'")
       end if
       if (scene%water_mode == 'none' .and. verification%case /= 'bar') then
-        call checker%complain('verification', 1, 'case', 'needs water = ''saturated'' in &scene')
+        call checker%complain('verification', 1, 'case', 'needs water = ''coupled'' in &scene')
       end if
     end associate
   end subroutine check_verification

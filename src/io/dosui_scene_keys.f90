@@ -77,7 +77,7 @@ contains
                         'too. Steps and memory are estimated from the largest value.', &
                         .true., .true.)
     groups(5) = group_t('water', 'The pore water and its operator; only with '// &
-                        '`water = ''saturated''` in &scene.', .false., .false.)
+                        '`water = ''coupled''` in &scene.', .false., .false.)
     groups(6) = group_t('mechanics', 'How the skeleton''s motion is computed.', .false., .false.)
     groups(7) = group_t('region', 'A shape filled with particles of one material on a regular '// &
                         'lattice.', .true., .true.)
@@ -261,7 +261,8 @@ contains
                    key('dimension', 'space dimensions: (z), (x, z) or (x, y, z); z is up', &
                        range='>= 1 and <= 3', required=.true.))
     call v%name(scene%water_mode, &
-                key('water', 'pore water: none (dry soil) or saturated', choices='none saturated'))
+                key('water', 'pore water: none (dry soil), or coupled with the skeleton', &
+                    choices='none coupled', former_choices='saturated coupled'))
     call v%name(scene%integrator, &
                 key('integrator', 'explicit: all waves resolved; semi_implicit: waves of the '// &
                     'skeleton only; quasi_static: no inertia, steps by accuracy; auto: what '// &
@@ -367,12 +368,12 @@ contains
                         range=porosity_range))
     call v%property(material%hydraulic_conductivity, &
                     key('hydraulic_conductivity', 'Darcy''s k; 0: undrained', unit='m/s', &
-                        range=conductivity_range, only='water = ''saturated'' in &scene', &
+                        range=conductivity_range, only='water = ''coupled'' in &scene', &
                         applies=.not. is_dry))
     call v%name(material%conductivity_law, &
                 key('conductivity_law', 'constant, or following the porosity n of bodies that '// &
                     'deform much: n^3/(1 - n)^2 over its first value', &
-                    choices='constant kozeny_carman', only='water = ''saturated'' in &scene', &
+                    choices='constant kozeny_carman', only='water = ''coupled'' in &scene', &
                     applies=.not. is_dry))
     call visit_retention(v, material, is_dry)
   end subroutine visit_material
@@ -446,7 +447,7 @@ contains
     call v%name(material%retention, &
                 key('retention', 'none: saturated at any pressure; van_genuchten: suction '// &
                     'empties the pores, Mualem''s relative conductivity', &
-                    choices='none van_genuchten', only='water = ''saturated'' in &scene', &
+                    choices='none van_genuchten', only='water = ''coupled'' in &scene', &
                     applies=.not. is_dry))
     applies = material%retention == 'van_genuchten' .and. .not. is_dry
     call v%real(material%retention_alpha, &
@@ -658,7 +659,7 @@ contains
                 key('pore_pressure', 'zero, hydrostatic about water_level (suction above '// &
                     'it), a given value, or a checkerboard of both signs', &
                     choices='zero hydrostatic given checkerboard', &
-                    only='water = ''saturated'' in &scene', applies=.not. is_dry))
+                    only='water = ''coupled'' in &scene', applies=.not. is_dry))
     call v%real(state%water_level, &
                 key('water_level', 'elevation of zero pressure', unit='m', &
                     only='pore_pressure = ''hydrostatic''', &

@@ -10,7 +10,8 @@ module dosui_scene_reader
   use dosui_fields, only: field_name, find_fields, line_limit, most_fields, next_line, &
                           shown_word, text_start
   use dosui_integrator_choice, only: resolve_integrator
-  use dosui_key_visitor, only: choice_of, in_range, key_t, key_visitor_t, n_choice, name_length
+  use dosui_key_visitor, only: choice_of, in_range, key_t, key_visitor_t, n_choice, name_length, &
+                               present_choice
   use dosui_local_origin, only: choose_local_origin, distance_from, move_to_origin, scene_bounds
   use dosui_namelist, only: namelist_t, namelist_group_t, read_bytes, read_text_file, &
                             decimal_comma
@@ -34,6 +35,7 @@ module dosui_scene_reader
 
   public :: read_scene, parse_scene
 
+  character(len=*), parameter :: renaming = ' (dosui-post rename FILE rewrites a scene)'
   real(wp), parameter :: volume_tolerance = 0.01_wp   !! of what particles fill [-]
 
   type, extends(key_visitor_t) :: reader_t
@@ -529,12 +531,15 @@ contains
       associate (name => reader%group%key(k)%name, keys => reader%all_keys)
         do j = 1, size(keys)
           if (keys(j)%name == name) exit
+          if (keys(j)%former == name .and. keys(j)%group == reader%group%name) exit
         end do
-        if (j <= size(keys)) then
-          call reader%complain(k, '', 'unknown key here; it belongs to &'//keys(j)%group)
-        else
+        if (j > size(keys)) then
           call reader%complain(k, '', 'unknown key', &
                                nearest_name(name, reader%key_names(:reader%n_key_name)))
+        else if (keys(j)%former == name) then
+          call reader%complain(k, '', 'is called '//keys(j)%name//' now'//renaming)
+        else
+          call reader%complain(k, '', 'unknown key here; it belongs to &'//keys(j)%group)
         end if
       end associate
     end do
@@ -818,7 +823,7 @@ contains
     type(key_t), intent(in) :: key
     character(len=name_length), intent(inout) :: value
     character(len=name_length) :: names(n_choice(key%choices))
-    character(len=:), allocatable :: text, list
+    character(len=:), allocatable :: text, list, renamed
     integer :: k
     logical :: is_good
 
@@ -832,8 +837,12 @@ contains
       if (k > 1 .and. k == size(names)) list = list//' or '
       list = list//"'"//trim(names(k))//"'"
     end do
+    renamed = present_choice(key%former_choices, lower_case(text))
     if (any(names == lower_case(text))) then
       value = lower_case(text)
+    else if (len(renamed) > 0) then
+      call self%complain(slot, self%group%key(slot)%shown(), 'is called '''//renamed// &
+                         ''' now'//renaming)
     else
       text = nearest_name(text, names)
       if (len(text) > 0) text = "'"//text//"'"

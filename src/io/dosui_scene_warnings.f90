@@ -72,7 +72,7 @@ contains
     integer :: k
 
     integrator = traits_of(scene%integrator)
-    if (scene%water_mode /= 'saturated' .or. .not. integrator%has_inertia()) return
+    if (scene%water_mode /= 'coupled' .or. .not. integrator%has_inertia()) return
     if (all(scene%material%rigid)) return
     pulsation = 0.0_wp
     do k = 1, size(scene%mechanical_condition)
@@ -243,7 +243,7 @@ contains
     real(wp) :: low(ndim), high(ndim)
     integer :: k
 
-    if (scene%water_mode /= 'saturated') return
+    if (scene%water_mode /= 'coupled') return
     call scene_bounds(scene, low, high)
     do k = 1, size(scene%initial_state)
       associate (state => scene%initial_state(k), near => round_off*scene%grid_spacing)
@@ -274,7 +274,7 @@ contains
     do a = 1, size(state)
       call region_bounds(scene%region(a), low(:, a), high(:, a))
       density(a) = geostatic_density(scene, materials%find(scene%region(a)%material), &
-                                     scene%water_mode == 'saturated')
+                                     scene%water_mode == 'coupled')
     end do
     if (.not. any(state > 0)) return
     near = round_off*scene%grid_spacing

@@ -18,8 +18,8 @@ module dosui_cam_clay
   private
 
   ! constants
-  integer, parameter :: poisson_ratio = 1, critical_state_ratio = 2, compression_index = 3, &
-                        swelling_index = 4, over_consolidation_ratio = 5, least_pressure = 6, &
+  integer, parameter :: poisson_ratio = 1, critical_state_ratio = 2, lambda = 3, &
+                        kappa = 4, over_consolidation_ratio = 5, least_pressure = 6, &
                         reference_pressure = 7, n_constant = 7
   integer, parameter :: yield_pressure = 1, specific_volume = 2   ! state variables
   integer, parameter :: most_iterations = 60
@@ -90,8 +90,8 @@ contains
     if (.not. allocated(self%constant)) allocate (self%constant(n_constant))
     associate (value => self%constant)
       value(critical_state_ratio)%constant = 1.25_wp
-      value(compression_index)%constant = 0.1_wp
-      value(swelling_index)%constant = 0.01_wp
+      value(lambda)%constant = 0.1_wp
+      value(kappa)%constant = 0.01_wp
       value(over_consolidation_ratio)%constant = 1.0_wp
       value(least_pressure)%constant = 1.0e3_wp
       value(reference_pressure)%constant = 1.0e5_wp
@@ -112,12 +112,13 @@ contains
     case (critical_state_ratio)
       described = shared_key('critical_state_ratio')
       described%is_required = .true.
-    case (compression_index)
-      described = key('compression_index', 'lambda: virgin compression in specific volume over '// &
-                      'ln p', unit='-', range='> 0', required=.true.)
-    case (swelling_index)
-      described = key('swelling_index', 'kappa: swelling, likewise; below compression_index', &
-                      unit='-', range='> 0', required=.true.)
+    case (lambda)
+      described = key('lambda', 'virgin compression in specific volume over ln p; C_c = 2.303 '// &
+                      'lambda', unit='-', range='> 0', required=.true., &
+                      former='compression_index')
+    case (kappa)
+      described = key('kappa', 'swelling, likewise; below lambda', unit='-', range='> 0', &
+                      required=.true., former='swelling_index')
     case (over_consolidation_ratio)
       described = key('over_consolidation_ratio', 'size of the yield surface over that through '// &
                       'the initial stress', unit='-', range='>= 1')
@@ -134,13 +135,13 @@ contains
     class(cam_clay_t), intent(in) :: self
     character(len=:), allocatable, intent(out) :: key, message
 
-    key = 'swelling_index'
+    key = 'kappa'
     message = ''
-    associate (swelling => self%constant(swelling_index), &
-               compression => self%constant(compression_index))
+    associate (swelling => self%constant(kappa), &
+               compression => self%constant(lambda))
       if (swelling%varies() .or. compression%varies()) return
       if (.not. swelling%constant < compression%constant) then
-        message = 'must be below compression_index'
+        message = 'must be below lambda'
       end if
     end associate
   end subroutine cam_clay_check
@@ -152,8 +153,8 @@ contains
     associate (value => self%constant%constant)
       self%poisson_ratio = value(poisson_ratio)
       self%ratio = value(critical_state_ratio)
-      self%compression = value(compression_index)
-      self%swelling = value(swelling_index)
+      self%compression = value(lambda)
+      self%swelling = value(kappa)
       self%over_consolidation = value(over_consolidation_ratio)
       self%least_pressure = value(least_pressure)
       self%reference_pressure = value(reference_pressure)

@@ -73,7 +73,7 @@ class Case:
         mode = "updated" if self.updated else "small_strain"
         shape = "gimp" if self.updated else "linear"
         lines = [
-            f"&scene dimension = {d} water = '{'saturated' if self.water else 'none'}'",
+            f"&scene dimension = {d} water = '{'coupled' if self.water else 'none'}'",
             "  integrator = 'explicit'",
             f"  deformation = '{mode}' gravity = {vector(['0.0'] * (d - 1) + ['-9.81'])} /",
             f"&grid spacing = {SPACING} shape_function = '{shape}' /",

@@ -20,17 +20,17 @@ METHODS = {
     "dry": ("none", "explicit", "small_strain", "auto", (100000, 150, 16)),
     "dry updated": ("none", "explicit", "updated", "auto", (100000, 150, 16)),
     "dry quasi-static": ("none", "quasi_static", "small_strain", "iterative", (40000, 100, 9)),
-    "coupled": ("saturated", "explicit", "small_strain", "auto", (2000, 100, 12)),
+    "coupled": ("coupled", "explicit", "small_strain", "auto", (2000, 100, 12)),
     "quasi-static, iterative": (
-        "saturated",
+        "coupled",
         "quasi_static",
         "small_strain",
         "iterative",
         (9000, 50, 6),
     ),
-    "quasi-static, direct": ("saturated", "quasi_static", "small_strain", "direct", (9000, 40, 4)),
-    "semi-implicit": ("saturated", "semi_implicit", "small_strain", "iterative", (9000, 50, 6)),
-    "finite": ("saturated", "quasi_static", "finite", "direct", (9000, 30, 3)),
+    "quasi-static, direct": ("coupled", "quasi_static", "small_strain", "direct", (9000, 40, 4)),
+    "semi-implicit": ("coupled", "semi_implicit", "small_strain", "iterative", (9000, 50, 6)),
+    "finite": ("coupled", "quasi_static", "finite", "direct", (9000, 30, 3)),
 }
 
 
@@ -45,7 +45,7 @@ def scene(dim: int, n: int, method: str) -> str:
 &grid spacing = {1.0 / n!r} shape_function = '{"gimp" if deformation[0] == "u" else "linear"}' /
 &time end_time = 1 maximum_steps = 2 {step} /
 &material name = 's' young_modulus = 1e7 porosity = 0.3
-  {"hydraulic_conductivity = 1e-5" if water == "saturated" else ""} /
+  {"hydraulic_conductivity = 1e-5" if water == "coupled" else ""} /
 &region name = 'b' material = 's' box_min = {", ".join("0" * dim)}
   box_max = {", ".join("1" * dim)} /
 &surface name = 'base' region = 'b' face = 'z-' /
@@ -55,7 +55,7 @@ def scene(dim: int, n: int, method: str) -> str:
 """
     if integrator != "explicit":
         text += f"&solver linear = '{linear}' /\n"
-    if water == "saturated":
+    if water == "coupled":
         text += "&hydraulic_condition surface = 'top' kind = 'pressure' value = 0 /\n"
     return text
 

@@ -73,7 +73,7 @@ def _methods(s: Sketch) -> None:
         dimension=s.ndim,
         integrator=s.integrator,
         deformation=s.deformation,
-        water="saturated" if s.wet else "none",
+        water="coupled" if s.wet else "none",
         gravity=s.vector(lateral, 0.0, -9.81 if s.heavy else 0.0),
     )
     grid: dict[str, object] = {"spacing": s.any(0.125, 0.25, 0.1)}
@@ -125,8 +125,8 @@ def _soils(s: Sketch) -> None:
         if model == "cam_clay":
             values |= {
                 "critical_state_ratio": s.any(0.8, 1.0, 1.3),
-                "compression_index": s.any(0.1, 0.25),
-                "swelling_index": s.any(0.01, 0.05),
+                "lambda": s.any(0.1, 0.25),
+                "kappa": s.any(0.01, 0.05),
                 "over_consolidation_ratio": s.any(1.0, 1.5, 4.0),
             }
         values["porosity"] = s.any(0.3, 0.4, 0.5)

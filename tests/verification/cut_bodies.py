@@ -178,7 +178,7 @@ def patch(seed: int, dimension: int = 0) -> Patch:
         stress = LAME * np.trace(symmetric) * np.eye(3) + 2 * SHEAR * symmetric
     lines = [
         f"&scene title='patch {seed}' dimension={dimension} integrator='quasi_static'",
-        f" water='{'saturated' if wet else 'none'}' gravity={numbers([0.0] * dimension)}",
+        f" water='{'coupled' if wet else 'none'}' gravity={numbers([0.0] * dimension)}",
         " deformation='finite' /" if finite else " /",
         f"&grid spacing={h:.17g} origin={numbers(origin)} shape_function='{shape}' /",
         "&mechanics coupling_gradient='cell_centre' /",

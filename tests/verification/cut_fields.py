@@ -141,7 +141,7 @@ class Field:
             ]
         lines = [
             f"&scene dimension=2 integrator='quasi_static' gravity=0, 0 "
-            f"water='{'saturated' if self.wet else 'none'}' /",
+            f"water='{'coupled' if self.wet else 'none'}' /",
             f"&grid spacing={h!r} origin={origin[0]!r}, {origin[1]!r} shape_function='linear' /",
             "&time end_time=1 /",
             f"&material name='s' young_modulus={YOUNG} poisson_ratio={self.poisson} "

@@ -113,7 +113,7 @@ def box(seed: int) -> Box:
     )
     lines = [
         f"&scene title = 'box {seed}' dimension = {dimension} integrator = '{integrator}'",
-        f"  water = '{'saturated' if wet else 'none'}' deformation = '{deformation}'",
+        f"  water = '{'coupled' if wet else 'none'}' deformation = '{deformation}'",
         f"  gravity = {numbers([0.0] * (dimension - 1) + [-GRAVITY])} /",
         f"&grid spacing = {h} shape_function = '{shape}' /",
         f"&time end_time = {end!r} {start}_start = .true. maximum_steps = 40 /",

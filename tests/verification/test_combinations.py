@@ -91,7 +91,7 @@ class Case:
 &water bulk_modulus = {WATER} unit_weight = {UNIT_WEIGHT} density = {FLUID} {more["water"]} /
 {self.water}"""
         return f"""
-&scene dimension = {self.dimension} water = '{"saturated" if self.is_wet else "none"}'
+&scene dimension = {self.dimension} water = '{"coupled" if self.is_wet else "none"}'
   integrator = '{self.integrator}' deformation = '{self.deformation}' {more["scene"]} /
 &grid spacing = {SPACING} {more["grid"]} /
 &time end_time = {self.end} {more["time"]} /

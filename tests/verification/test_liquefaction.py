@@ -334,8 +334,8 @@ SOILS = """
   friction_angle = 30.0 cohesion = 1.0e3 /
 &material name = 'cone' model = 'drucker_prager' young_modulus = 2.0e7 poisson_ratio = 0.3
   friction_angle = 30.0 cohesion = 1.0e3 /
-&material name = 'clay' model = 'cam_clay' critical_state_ratio = 1.0 compression_index = 0.2
-  swelling_index = 0.04 poisson_ratio = 0.3 porosity = 0.5 /
+&material name = 'clay' model = 'cam_clay' critical_state_ratio = 1.0 lambda = 0.2
+  kappa = 0.04 poisson_ratio = 0.3 porosity = 0.5 /
 &material name = 'sand' model = 'dafalias_manzari' poisson_ratio = 0.05 porosity = 0.4737 /
 &region name = 'body' material = 'sand' box_min = 2*0.0 box_max = 2*1.0 /
 """

@@ -26,7 +26,7 @@ def column(
     value = f"0.0, {-LOAD}" if load == "traction" else f"{LOAD}"
     return f"""
 &scene dimension = 2 integrator = '{integrator}' deformation = 'updated'
-  water = '{"saturated" if wet else "none"}' /
+  water = '{"coupled" if wet else "none"}' /
 &grid spacing = {spacing} shape_function = '{shape}' /
 &time end_time = {end} courant = {courant} /
 &material name = 'soil' young_modulus = {MODULUS} poisson_ratio = 0.0 porosity = 0.6

@@ -39,8 +39,8 @@ COLUMN = """
 {more}
 &output name = 'column' /
 """
-CLAY = """model = 'cam_clay' critical_state_ratio = 1.0 compression_index = 0.2
-  swelling_index = 0.04 poisson_ratio = 0.3 porosity = 0.5"""
+CLAY = """model = 'cam_clay' critical_state_ratio = 1.0 lambda = 0.2
+  kappa = 0.04 poisson_ratio = 0.3 porosity = 0.5"""
 
 
 def oedometer(strain: float, steps: int = 20000) -> np.ndarray:

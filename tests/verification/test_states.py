@@ -303,7 +303,7 @@ def test_an_embankment_on_soil_without_strength(dosui):
 &grid spacing=2.0 /
 &time end_time=6.3e7 geostatic_start=.true. /
 &material name='clay' model='cam_clay' poisson_ratio=0.3 critical_state_ratio=1.0
-  compression_index=0.25 swelling_index=0.05 over_consolidation_ratio=1.5 least_pressure=3000
+  lambda=0.25 kappa=0.05 over_consolidation_ratio=1.5 least_pressure=3000
   porosity=0.6 hydraulic_conductivity=1e-9 /
 &region name='clay' material='clay' box_min=0,0 box_max=40,10 /
 &initial_state pore_pressure='hydrostatic' water_level=10.0 effective_stress='geostatic'

@@ -98,7 +98,7 @@ def test_undrained_pressures(dosui: Runner) -> None:
         "hydraulic_conductivity = 1e-20"
     )
     text = column(material, time="undrained_start = .true.", more="&water bulk_modulus = 5e6 /")
-    run = dosui(text.replace("water = 'none'", "water = 'saturated'"))
+    run = dosui(text.replace("water = 'none'", "water = 'coupled'"))
     assert run.status == 0, run.stdout + run.stderr
     fields = run.fields("column", 0)
     z = fields["points"][:, 2]
@@ -115,7 +115,7 @@ def test_steady_flow_through_conductivity_that_grows(dosui: Runner) -> None:
         spacing=0.125,
         more="""&hydraulic_condition surface = 'base' kind = 'head' value = 12 /
 &hydraulic_condition surface = 'top' kind = 'head' value = 10 /""",
-    ).replace("water = 'none'", "water = 'saturated' gravity = -9.81")
+    ).replace("water = 'none'", "water = 'coupled' gravity = -9.81")
     lines = [
         line
         for line in text.splitlines()

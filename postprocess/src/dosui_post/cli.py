@@ -68,6 +68,15 @@ def _check(options: argparse.Namespace) -> int:
     return status
 
 
+def _rename(options: argparse.Namespace) -> int:
+    from dosui_post.rename import rename
+
+    for path in options.files:
+        changes = rename(path)
+        print("\n".join(changes) if changes else f"{path}: nothing to change")
+    return _PASSED
+
+
 def _verify(options: argparse.Namespace) -> int:
     from dosui_post.verify import verify
 
@@ -222,6 +231,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_animate(commands)
     _add_material(commands)
     _add_report(commands)
+    _add_rename(commands)
     return parser
 
 
@@ -253,6 +263,17 @@ def _add_verify(commands: _Commands) -> None:
         help="leave out output before this time factor (default: 0)",
     )
     verify.set_defaults(run=_verify)
+
+
+def _add_rename(commands: _Commands) -> None:
+    rename = commands.add_parser(
+        "rename",
+        help="rewrite scenes of earlier versions",
+        description="Replaces former names of keys and choices in scenes by their present ones, in"
+        " place, and prints each change. Comments and layout stay.",
+    )
+    rename.add_argument("files", metavar="FILE", nargs="+", type=Path)
+    rename.set_defaults(run=_rename)
 
 
 def _add_check(commands: _Commands) -> None:

@@ -107,17 +107,23 @@ def parse(text: str) -> list[Group]:
     return groups
 
 
-def _tokens(text: str) -> Iterator[tuple[str, str]]:
+def pieces(text: str) -> Iterator[tuple[str, str]]:
+    """All of a text in pieces, each with its kind: together they are the text again."""
     position = 0
     while position < len(text):
         match = _TOKEN.match(text, position)
         if match is None:
+            yield "other", text[position]
             position += 1
             continue
         position = match.end()
-        kind = match.lastgroup
-        if kind not in ("space", "comment", None):
-            yield str(kind), match.group()
+        yield str(match.lastgroup), match.group()
+
+
+def _tokens(text: str) -> Iterator[tuple[str, str]]:
+    for kind, token in pieces(text):
+        if kind not in ("space", "comment", "other"):
+            yield kind, token
 
 
 def _split_key(token: str) -> tuple[str, int | None]:

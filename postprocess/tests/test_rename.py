@@ -16,7 +16,8 @@ OLD = """! water = 'saturated' in a comment, swelling_index too
   title = 'a saturated clay & its swelling_index = 1 / '
 /
 water = 'saturated' between groups
-&material name = 'saturated' Compression_Index = 0.2, swelling_index=0.04 / &output name = "saturated" /
+&material name = 'saturated' Compression_Index = 0.2, swelling_index=0.04 /
+&output name = "saturated" /
 """
 NEW = """! water = 'saturated' in a comment, swelling_index too
 &scene
@@ -24,7 +25,8 @@ NEW = """! water = 'saturated' in a comment, swelling_index too
   title = 'a saturated clay & its swelling_index = 1 / '
 /
 water = 'saturated' between groups
-&material name = 'saturated' lambda = 0.2, kappa=0.04 / &output name = "saturated" /
+&material name = 'saturated' lambda = 0.2, kappa=0.04 /
+&output name = "saturated" /
 """
 
 

@@ -99,23 +99,23 @@ contains
                    'waves to resolve: take integrator = ''quasi_static'' or ''explicit'''), &
             rule_t('rigid skeleton', '', 'finite', 'a skeleton that does not move has no '// &
                    'finite strains: take deformation = ''small_strain'''), &
-            rule_t('suction', semi_implicit, '', 'implicit pressures of moving skeletons know '// &
-                   'no saturation yet: take integrator = ''explicit'' or ''quasi_static'''), &
+            rule_t('suction', semi_implicit, '', 'semi-implicit steps do not follow '// &
+                   'saturations yet: take integrator = ''explicit'' or ''quasi_static'''), &
             rule_t('conductivity of porosity', '', 'small_strain', 'small strains leave the '// &
                    'porosity as it is: take deformation = ''finite'' or ''updated'', or '// &
                    'conductivity_law = ''constant'''), &
             rule_t('cyclic sand', '', 'finite', 'the tensors that the sand remembers do not '// &
                    'turn with the body in finite strains: take deformation = ''small_strain'' '// &
                    'or ''updated'''), &
-            rule_t('two-pass operator', implicit, '', 'equations of implicit steps hold '// &
-                   'neighbours only, and two passes reach their neighbours, too: take '// &
+            rule_t('two-pass operator', implicit, '', 'the two-pass operator couples '// &
+                'neighbours of neighbours, which equations of implicit steps do not hold: take '// &
                    'operator = ''compact'', or integrator = ''explicit'''), &
             rule_t('fluid inertia', implicit, '', 'in implicit steps accelerations of the step '// &
                    'before make pressures grow: take integrator = ''explicit'''), &
             rule_t('barrier', '', 'finite updated', 'barriers do not move with the soil: take '// &
                    'deformation = ''small_strain'''), &
-            rule_t('period', '', 'finite updated', 'nothing may move from one period into the '// &
-                   'next yet: take deformation = ''small_strain'''), &
+            rule_t('period', '', 'finite updated', 'particles cannot cross the border of a '// &
+                   'period yet: take deformation = ''small_strain'''), &
             rule_t('deforming domains', '', 'small_strain finite', 'domains of particles '// &
                    'stretch only where these move through the grid: take deformation = '// &
                    '''updated'', or shape_function = ''gimp'''), &
@@ -130,8 +130,8 @@ contains
                    and_inertia), &
             rule_t('rigid wall', quasi_static, '', no_contact), &
             rule_t('oblique rigid wall', quasi_static, '', no_contact), &
-            rule_t('oblique rigid wall', semi_implicit, '', 'implicit pressures do not know '// &
-                   'walls across the axes yet: take a normal along an axis (and turn body and '// &
+            rule_t('oblique rigid wall', semi_implicit, '', 'semi-implicit steps hold walls '// &
+                   'only along the axes yet: take a normal along an axis (and turn body and '// &
                    'gravity), or integrator = ''explicit'''), &
             rule_t(wall, '', 'finite', 'springs of walls off the grid lines do not follow a '// &
                    'grid that deforms: take faces along grid lines and imposition = ''auto'', '// &

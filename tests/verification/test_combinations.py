@@ -409,3 +409,15 @@ def test_no_integrator_for_all_together(dosui: Runner) -> None:
     assert "no integrator can do all that the scene asks for" in run.stderr
     assert "explicit does not go with: long explicit steps" in run.stderr
     assert "semi_implicit does not go with: two-pass operator" in run.stderr
+
+
+def test_auto_chooses_anew_at_a_restart(dosui: Runner) -> None:
+    """Another end may make another integrator of 'auto': refused, with what to write."""
+    case = replace(COLUMN, integrator="auto", deformation="small_strain", end=100.0)
+    text = case.text().replace("&output", "&output checkpoint_steps = 1")
+    run = dosui(text.replace("&time", "&time maximum_steps = 3"))
+    assert "integrator   quasi_static" in run.stdout
+    short = dosui(text.replace("= 100.0", "= 0.5"), "--restart", "r.restart.h5", "--check")
+    assert short.status == 2
+    assert "&scene integrator: 'quasi_static' -> 'explicit'" in short.stderr
+    assert "'auto' chooses anew: the run is as short as waves travel" in short.stderr

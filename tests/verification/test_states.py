@@ -177,7 +177,7 @@ def test_pores_close_in_updated_scenes(dosui, water):
         (
             "&water operator='two_pass' /",
             "deformation='finite'",
-            "equations of implicit steps hold neighbours only",
+            "couples neighbours of neighbours",
         ),
     ],
 )

@@ -42,8 +42,9 @@ contains
     is_filled = model%quadrature%measure(model%quadrature%host) > 0.0_wp
     associate (field => model%particles%field, n => model%particles%count, &
                volume => merge(model%p%reference_volume, model%p%volume, model%finite))
-      call find_weight_shift(model%comm, model%grid, model%scene, is_filled, n, model%patch, &
-                             model%material, field(model%p%position)%values(:, 1:n), &
+      call find_weight_shift(model%comm, model%grid, model%scene, model%quadrature, n, &
+                             model%patch, model%material, &
+                             field(model%p%position)%values(:, 1:n), &
                              field(volume)%values(1, 1:n), mass)
     end associate
     allocate (model%shift(ndim, model%grid%n_node))

@@ -13,7 +13,8 @@
 module dosui_body_weight
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim, nsig
-  use dosui_cell_filling, only: cell_filling, filling_t
+  use dosui_cell_filling, only: filling_t
+  use dosui_cell_quadrature, only: cell_quadrature_t
   use dosui_communicator, only: communicator_t
   use dosui_grid, only: grid_t
   use dosui_particle_to_grid, only: n_nodal_row, particles_to_grid
@@ -21,18 +22,18 @@ module dosui_body_weight
   implicit none
   private
 
-  public :: find_weight_shift, mean_hats
+  public :: find_weight_shift
 
 contains
 
-  subroutine find_weight_shift(comm, grid, scene, is_filled, n, patch, material, position, volume, &
-                               shift)
+  subroutine find_weight_shift(comm, grid, scene, quadrature, n, patch, material, position, &
+                               volume, shift)
     !! Masses that nodes have by the regions' shapes, less those of the undeformed particles, on
     !! all copies of the nodes [kg]. Collective.
     type(communicator_t), intent(in) :: comm
     type(grid_t), intent(inout) :: grid
     type(scene_t), intent(in) :: scene
-    logical, intent(in) :: is_filled(grid%n_cell)   !! parts of cells that bear stresses
+    type(cell_quadrature_t), intent(in) :: quadrature   !! exact and not fitted
     integer, intent(in) :: n
     integer, intent(in) :: patch(n), material(n)    !! of the particles
     real(wp), intent(in) :: position(ndim, n)       !! undeformed [m]
@@ -54,7 +55,7 @@ contains
     end do
     call particles_to_grid(grid, n, patch, position, at_rest(:ndim, :), mass, none, &
                            at_rest(:nsig, :), spread(0.0_wp, 1, ndim), by_particles)
-    call add_shapes(grid, scene, is_filled, by_shape, sums(2, :))
+    call add_shapes(grid, scene, quadrature, by_shape, sums(2, :))
     both = [sums(1, :), sums(2, :)]
     call comm%sum_array(both)
     allocate (shift(grid%n_node))
@@ -68,30 +69,32 @@ contains
     call grid%node_map%gather(comm, 1, shift)
   end subroutine find_weight_shift
 
-  subroutine add_shapes(grid, scene, is_filled, by_shape, total)
-    !! Nodal masses and total mass of every material in the parts of this rank's own cells [kg].
+  subroutine add_shapes(grid, scene, quadrature, by_shape, total)
+    !! Nodal masses and total mass of every material in the parts of this rank's own cells that
+    !! bear stresses [kg].
     type(grid_t), intent(in) :: grid
     type(scene_t), intent(in) :: scene
-    logical, intent(in) :: is_filled(:)
+    type(cell_quadrature_t), intent(in) :: quadrature
     real(wp), intent(out) :: by_shape(:, :)   !! (materials, n_node)
     real(wp), intent(out) :: total(:)         !! (materials)
-    type(filling_t) :: part
     real(wp) :: mass, centre(ndim)
-    integer :: c, m, r
+    integer :: c, k, m
 
     by_shape = 0.0_wp
     total = 0.0_wp
     do c = 1, grid%n_cell
-      if (.not. (grid%cell_map%is_owned(c) .and. is_filled(c))) cycle
-      do r = 1, size(scene%region)
-        part = cell_filling(scene%region(r:r), &
-                            grid%origin + grid%spacing*grid%cell_base(:, c), grid%spacing)
-        if (.not. part%volume > 0.0_wp) cycle
-        m = findloc(scene%material%name == scene%region(r)%material, .true., dim=1)
-        centre = grid%origin + grid%spacing*(grid%cell_base(:, c) + part%moment/part%volume)
-        mass = part%volume*grid%spacing**ndim*scene%mixture_density(m, centre)
-        total(m) = total(m) + mass
-        by_shape(m, grid%cell_node(:, c)) = by_shape(m, grid%cell_node(:, c)) + mass*mean_hats(part)
+      if (.not. grid%cell_map%is_owned(c)) cycle
+      if (.not. quadrature%measure(quadrature%host(c)) > 0.0_wp) cycle
+      do k = quadrature%piece_start(c), quadrature%piece_start(c + 1) - 1
+        associate (part => quadrature%piece(k)%filling, &
+                   region => scene%region(quadrature%piece(k)%region))
+          m = findloc(scene%material%name == region%material, .true., dim=1)
+          centre = grid%origin + grid%spacing*(grid%cell_base(:, c) + part%moment/part%volume)
+          mass = part%volume*grid%spacing**ndim*scene%mixture_density(m, centre)
+          total(m) = total(m) + mass
+          by_shape(m, grid%cell_node(:, c)) = by_shape(m, grid%cell_node(:, c)) + &
+                                              mass*mean_hats(part)
+        end associate
       end do
     end do
   end subroutine add_shapes

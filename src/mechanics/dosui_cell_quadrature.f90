@@ -50,6 +50,12 @@ module dosui_cell_quadrature
   real(wp), parameter :: least_share = merge(0.3943_wp, merge(0.5547_wp, 0.7771_wp, ndim == 2), &
                                              ndim == 1)   !! [-]
 
+  type, public :: shape_piece_t
+    !! What one region fills of a cell.
+    integer :: region = 0
+    type(filling_t) :: filling
+  end type shape_piece_t
+
   type, public :: cell_quadrature_t
     logical :: fitted = .true.                       !! every cell is full or empty
     logical :: exact = .false.                       !! measures come from shapes
@@ -63,6 +69,8 @@ module dosui_cell_quadrature
     real(wp), allocatable :: measure(:)   !! (n_cell) W of hosts, with the parts that joined [m3]
     real(wp), allocatable :: centroid(:, :)
     !! (ndim, n_cell) of parts, exact and not fitted, 0 to 1 in the cell [-]
+    integer, allocatable :: piece_start(:)       !! (n_cell + 1) exact and not fitted: ...
+    type(shape_piece_t), allocatable :: piece(:)   !! ... regions in a cell, in their order
     logical, allocatable :: is_cut(:)                !! (n_cell)
     logical :: has_ragged = .false.                  !! on this rank
     logical, allocatable :: is_ragged(:)   !! (n_cell) particles stand for it, not its centre
@@ -106,9 +114,8 @@ contains
     self%has_ragged = .false.
     if (allocated(self%is_ragged)) deallocate (self%is_ragged)
     allocate (self%is_ragged(grid%n_cell), source=.false.)
-    allocate (own(grid%n_cell))
+    call find_pieces(self, grid, regions, own)
     do c = 1, grid%n_cell
-      own(c) = cell_filling(regions, grid%origin + grid%spacing*grid%cell_base(:, c), grid%spacing)
       if (.not. own(c)%volume > empty_part) own(c) = filling_t()
       if (number(c) > 0.5_wp .and. .not. own(c)%volume > 0.0_wp) own(c) = grain()
     end do
@@ -140,7 +147,10 @@ contains
     if (allocated(self%gradient)) deallocate (self%gradient)
     if (allocated(self%centroid)) deallocate (self%centroid)
     if (allocated(self%member)) deallocate (self%member, self%member_start)
-    if (self%fitted) return
+    if (self%fitted) then
+      deallocate (self%piece, self%piece_start)
+      return
+    end if
     do c = 1, grid%n_cell
       if (.not. self%measure(self%host(c)) > 0.0_wp) cycle
       if (self%host(c) == c .and. self%part(c) >= self%measure(c)) cycle   ! by itself: 1
@@ -168,6 +178,35 @@ contains
       grain%mixed = 0.25_wp*empty_part
     end function grain
   end subroutine cell_quadrature_init_from_shapes
+
+  subroutine find_pieces(self, grid, regions, whole)
+    !! Integrates the regions' shapes over the cells, once for all.
+    class(cell_quadrature_t), intent(inout) :: self
+    type(grid_t), intent(in) :: grid
+    type(region_t), intent(in) :: regions(:)
+    type(filling_t), allocatable, intent(out) :: whole(:)   !! (n_cell) of all regions
+    type(shape_piece_t), allocatable :: piece(:)
+    type(filling_t) :: part
+    integer :: c, n, r
+
+    allocate (whole(grid%n_cell), piece(grid%n_cell + size(regions)))
+    if (allocated(self%piece_start)) deallocate (self%piece_start)
+    allocate (self%piece_start(grid%n_cell + 1), source=1)
+    n = 0
+    do c = 1, grid%n_cell
+      if (n + size(regions) > size(piece)) piece = [piece, piece]
+      do r = 1, size(regions)
+        part = cell_filling(regions(r:r), grid%origin + grid%spacing*grid%cell_base(:, c), &
+                            grid%spacing)
+        call whole(c)%add(part, spread(0, 1, ndim))
+        if (.not. part%volume > 0.0_wp) cycle
+        n = n + 1
+        piece(n) = shape_piece_t(r, part)
+      end do
+      self%piece_start(c + 1) = n + 1
+    end do
+    self%piece = piece(1:n)
+  end subroutine find_pieces
 
   subroutine find_groups(self, comm, grid, offset)
     !! Cells that share one volume change of the water, and the parts of their groups. Collective.

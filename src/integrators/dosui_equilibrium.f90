@@ -117,9 +117,8 @@ contains
     allocate (residual(ndim, model%grid%n_node))
     stress = model%particles%field(model%p%effective_stress)%values
     call take_strains(model, elastic, stress, err)   ! none yet: back to the yield surface
-    state%is_direct = is_small(model) .and. &
-                      .not. (state%undrained .or. model%finite .or. &
-                             allocated(model%scene%rigid_wall))
+    state%is_direct = is_small(model) .and. .not. (state%undrained .or. model%finite)
+    if (allocated(model%scene%rigid_wall)) state%is_direct = .false.
     if (state%is_direct) state%is_direct = .not. hangs_on_walls(model)
     do k = 1, correction_limit + 1
       call model%comm%agree(err)

@@ -97,6 +97,8 @@ def box(seed: int) -> Box:
     even = jitter == 0.0 and angle == 0.0
     # (beside a free surface only an even lattice is in balance everywhere without cohesion)
     cohesion = draw.choice([0.0 if even and fits else 1.0e3 if fits else 2.0e4, 2.0e4])
+    if deformation == "updated" and not even:  # what particles out of order bear beside each other
+        cohesion = max(cohesion, 1.5 * body * GRAVITY * h)
     strength = (
         f"model = 'mohr_coulomb' cohesion = {cohesion} "
         f"friction_angle = {draw.choice([30.0, 38.0])} dilation_angle = {draw.choice([0.0, 8.0])}"

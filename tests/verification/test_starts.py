@@ -13,6 +13,8 @@ from start_boxes import box, run
 
 # a few of the boxes that `python tests/verification/start_boxes.py 200` runs; DOSUI_SWEEP: so many
 QUICK = [1, 2, 3, 5, 6, 12, 13, 15]
+# started with absurd stresses, and with soils that yield under conjugate gradients
+QUICK += [5147, 5149, 5170]
 SEEDS = list(range(1, 1 + int(os.environ["DOSUI_SWEEP"]))) if "DOSUI_SWEEP" in os.environ else QUICK
 
 

@@ -340,9 +340,8 @@ contains
   subroutine differentiate(self, strain, volume, before, after, plan, tangent)
     !! Kernel: the tangent of an increment by central differences over its own sub-steps; by
     !! shorter ones where the sides differ, since a kink beside the increment does not belong to it;
-    !! by ones with sub-steps of their own, and wider ones, where the response has no tangent, at
-    !! kinks and where sand with hardly any stress answers to the least change, if their sides
-    !! differ less.
+    !! by wider ones with sub-steps of their own where the response has no tangent, at kinks and
+    !! where sand with hardly any stress answers to the least change, if their sides differ less.
     type(dafalias_manzari_t), intent(in) :: self
     real(wp), intent(in) :: strain(nsig)    !! the increment
     real(wp), intent(in) :: volume          !! 1 + e before
@@ -368,22 +367,14 @@ contains
       if (apart > least .or. is_left) then
         call find_sides(shortened*step, .true., sides, apart, is_left)
       end if
-      if (apart > least .or. is_left) call find_sides_of_its_own(step)
-      if (apart > least) call find_sides_of_its_own(widened*step)
+      if (apart > least) then
+        call find_sides(widened*step, .false., wide, apart_wide, is_left)
+        if (apart_wide < apart) sides = wide
+      end if
       tangent(:, k) = 0.5_wp*(sides(:, 1) + sides(:, 2))
     end do
 
   contains
-
-    subroutine find_sides_of_its_own(length)
-      !! Takes differences over such a length with other sub-steps, if their sides differ less.
-      real(wp), intent(in) :: length     ! of strain, engineering's if of shear [-]
-
-      call find_sides(length, .false., wide, apart_wide, is_left)
-      if (.not. apart_wide < apart) return
-      sides = wide
-      apart = apart_wide
-    end subroutine find_sides_of_its_own
 
     subroutine find_sides(length, is_kept, sides, apart, is_left)
       !! Differences to both sides along the strain of column k.

@@ -128,11 +128,11 @@ def test_pores_close_with_finite_strains(dosui):
     assert run.stderr.count("\n") <= 5
 
 
-@pytest.mark.parametrize("water", ["saturated", "none"])
+@pytest.mark.parametrize("water", ["coupled", "none"])
 def test_pores_close_in_updated_scenes(dosui, water):
     # dry bodies need no pores, and what they write says that there are none
     more = "&mechanics damping='viscous' /\n"
-    if water == "saturated":
+    if water == "coupled":
         more += "&hydraulic_condition surface='top' kind='pressure' value=0.0 /"
     text = COLUMN.format(
         scene=f"water='{water}' deformation='updated' integrator='auto'",

@@ -35,7 +35,7 @@ module dosui_run_files
     type(result_file_t) :: result
     type(history_t) :: history
     character(len=:), allocatable :: stem      !! directory and name without suffix
-    real(wp), allocatable :: memory(:)         !! the integrator's, from the checkpoint read
+    real(wp), allocatable :: memory(:)         !! the integrator's, as read [several units]
     character(len=:), allocatable, private :: record   !! of the scene, for checkpoints
     real(wp) :: history_interval = 0.0_wp      !! [s]
     real(wp) :: next_history = 0.0_wp          !! [s]
@@ -343,7 +343,7 @@ contains
     !! Writes what a restart needs. Collective.
     class(run_files_t), intent(inout) :: self
     type(model_t), intent(inout) :: model
-    real(wp), intent(in) :: memory(:)          !! of the integrator
+    real(wp), intent(in) :: memory(:)          !! of the integrator [several units]
     type(error_t), intent(inout) :: err
     logical, intent(in), optional :: is_kept   !! under a name of its own, with the step
     type(checkpoint_writer_t) :: writer

@@ -30,7 +30,7 @@ module dosui_integrator_traits
     character(len=:), allocatable :: reason
     logical :: is_automatic = .false.   !! the scene left it open
     real(wp) :: steps(size(integrators)) = 0.0_wp
-    !! estimates for the whole run, in the order of `integrators`; 0: not possible
+    !! estimates for the whole run, in the order of `integrators`; 0: not possible [-]
   contains
     procedure :: steps_of => choice_steps_of
     procedure :: describe => choice_describe
@@ -79,7 +79,7 @@ contains
   end function traits_stands
 
   pure real(wp) function choice_steps_of(self, name) result(steps)
-    !! What the integrator with a name would take for the whole run; 0: it cannot.
+    !! What the integrator with a name would take for the whole run; 0: it cannot [-].
     class(integrator_choice_t), intent(in) :: self
     character(len=*), intent(in) :: name
 

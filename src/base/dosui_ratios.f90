@@ -9,8 +9,8 @@ module dosui_ratios
 contains
 
   pure elemental real(wp) function bounded_ratio(a, b) result(ratio)
-    !! a/b, at most 1e30: products of a few do not overflow, either.
-    real(wp), intent(in) :: a, b
+    !! a/b, at most 1e30: products of a few do not overflow, either [of units of a over b].
+    real(wp), intent(in) :: a, b   !! [any units]
     real(wp), parameter :: most = 1.0e30_wp
 
     ratio = most

@@ -6,8 +6,8 @@ module dosui_scalar_function
   private
 
   type, public :: scalar_function_t
-    real(wp) :: constant = 0.0_wp               !! the value; of a formula, the largest one
-    real(wp) :: least = 0.0_wp                  !! smallest value of a formula
+    real(wp) :: constant = 0.0_wp               !! the value; of a formula, the largest [any unit]
+    real(wp) :: least = 0.0_wp                  !! smallest value of a formula [any unit]
     character(len=:), allocatable :: formula    !! of the coordinates [m]; unallocated: constant
     type(expression_t), allocatable, private :: expression   !! of the formula
   contains
@@ -30,7 +30,7 @@ contains
   pure elemental subroutine scalar_function_set(self, constant)
     !! Makes it a constant.
     class(scalar_function_t), intent(inout) :: self
-    real(wp), intent(in) :: constant   !! unit of the quantity
+    real(wp), intent(in) :: constant   !! [unit of the quantity]
 
     self%constant = constant
     if (allocated(self%formula)) deallocate (self%formula)

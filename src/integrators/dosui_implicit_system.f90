@@ -1121,7 +1121,7 @@ contains
     !! What solutions follow from beside the model: iterations know their error from the first
     !! solution after the last set-up, which need not be that of a restart.
     class(implicit_system_t), intent(in) :: self
-    real(wp) :: values(n_system_memory)
+    real(wp) :: values(n_system_memory)   !! [several units]
 
     values = [merge(1.0_wp, 0.0_wp, self%insists_on_direct), self%flow_weight, &
               self%system%amplification]
@@ -1131,7 +1131,7 @@ contains
     !! Brings a system that has just been built to where a checkpoint left its own. Collective.
     class(implicit_system_t), intent(inout) :: self
     type(model_t), intent(inout) :: model
-    real(wp), intent(in) :: values(n_system_memory)   !! as from `memory`
+    real(wp), intent(in) :: values(n_system_memory)   !! as from `memory` [several units]
     type(error_t), intent(inout) :: err
 
     self%insists_on_direct = values(1) > 0.5_wp .and. model%scene%solver%linear == 'auto'

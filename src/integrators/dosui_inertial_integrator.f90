@@ -81,7 +81,7 @@ contains
   pure function inertial_memory(self) result(values)
     !! The watch over small steps.
     class(inertial_integrator_t), intent(in) :: self
-    real(wp), allocatable :: values(:)
+    real(wp), allocatable :: values(:)   !! [several units]
 
     values = self%watch%memory()
   end function inertial_memory
@@ -90,7 +90,7 @@ contains
     !! Goes on watching.
     class(inertial_integrator_t), intent(inout) :: self
     type(model_t), intent(inout) :: model
-    real(wp), intent(in) :: values(:)   !! as from `memory`
+    real(wp), intent(in) :: values(:)   !! as from `memory` [several units]
     type(error_t), intent(inout) :: err
 
     associate (not_used => model, nor => err)

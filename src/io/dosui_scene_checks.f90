@@ -781,8 +781,9 @@ contains
     least = merge(3, 2, ndim == 3)
     do k = 1, group_size(scene, 'barrier')
       if (ndim == 1) call checker%complain('barrier', k, '', 'needs dimension = 2 or 3')
-      if (scene%water_mode == 'none') call checker%complain('barrier', k, '', &
-                                                    'has a meaning only with water = ''coupled''')
+      if (scene%water_mode == 'none') then
+        call checker%complain('barrier', k, '', 'has a meaning only with water = ''coupled''')
+      end if
       if (.not. allocated(scene%barrier(k)%vertices)) cycle
       associate (vertices => scene%barrier(k)%vertices)
         n = size(vertices, 2)

@@ -11,7 +11,7 @@ module dosui_material_model
   use dosui_kinds, only: wp
   use dosui_dimension, only: nsig
   use dosui_error, only: error_t
-  use dosui_key_visitor, only: in_range, key_t, key_visitor_t
+  use dosui_key_visitor, only: in_range, key_t, key_visitor_t, name_length
   use dosui_scalar_function, only: scalar_function_t
   use dosui_text, only: to_text
   implicit none
@@ -21,6 +21,7 @@ module dosui_material_model
     !! A constitutive model with its constants. Models see batches of points, so that the choice
     !! of the model costs nothing per point; they own the meaning of their state variables.
     type(scalar_function_t), allocatable :: constant(:)   !! in the order of the model's keys
+    character(len=name_length), allocatable, private :: name(:)   !! of the constants' keys
     integer, allocatable, private :: varying(:)           !! those that are formulas
     real(wp) :: strength_reduction = 1.0_wp   !! F: strengths are divided by it [-]
     real(wp) :: band_width = 1.0_wp           !! of shear bands: the grid's spacing [m]
@@ -51,6 +52,7 @@ module dosui_material_model
     procedure :: has_strength => material_model_has_strength
     procedure :: follows_finite_strains => material_model_follows_finite_strains
     procedure :: start_state => material_model_start_state
+    procedure :: name_constants => material_model_name_constants
     procedure :: index_of => material_model_index_of
     procedure :: vary => material_model_vary
     procedure :: vary_like => material_model_vary_like
@@ -221,13 +223,23 @@ contains
     !! Index of the constant with a key, 0: the model has none of that name.
     class(material_model_t), intent(in) :: self
     character(len=*), intent(in) :: name
-    type(key_t) :: key
 
-    do k = size(self%constant), 1, -1
-      key = self%key_of(k)
-      if (key%name == name) return
-    end do
+    k = findloc(self%name == name, .true., dim=1)
   end function material_model_index_of
+
+  subroutine material_model_name_constants(self)
+    !! Notes the names of the constants that have been declared.
+    class(material_model_t), intent(inout) :: self
+    type(key_t) :: key
+    integer :: k
+
+    if (allocated(self%name)) deallocate (self%name)
+    allocate (self%name(size(self%constant)))
+    do k = 1, size(self%constant)
+      key = self%key_of(k)
+      self%name(k) = key%name
+    end do
+  end subroutine material_model_name_constants
 
   ! ---------------------------------------------------------------- constants that vary with place
 

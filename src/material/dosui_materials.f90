@@ -68,7 +68,9 @@ contains
       allocate (dafalias_manzari_t :: model)
     case default   ! none
     end select
-    if (allocated(model)) call model%declare()
+    if (.not. allocated(model)) return
+    call model%declare()
+    call model%name_constants()
   end subroutine create_model
 
   pure integer function model_index(name) result(m)

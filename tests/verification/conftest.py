@@ -49,10 +49,22 @@ class Run:
     stdout: str
     stderr: str
     folder: Path
+    accepted: int = 0  # status of runs whose results may be read
+
+    def ended_with(self, status: int) -> None:
+        """Makes sure that the run failed as it should: then its results may be read, too."""
+        assert self.status == status, self.stdout + self.stderr
+        self.accepted = status
+
+    def _open(self, name: str) -> h5py.File:
+        """The result file of a run that ended as it should: a test of a run that failed by chance
+        would compare what was there before."""
+        assert self.status == self.accepted, self.stdout + self.stderr
+        return h5py.File(self.folder / f"{name}.vtkhdf")
 
     def fields(self, name: str, step: int = -1) -> dict[str, np.ndarray]:
         """Point data of one step of a result file, with the points themselves."""
-        with h5py.File(self.folder / f"{name}.vtkhdf") as file:
+        with self._open(name) as file:
             vtk = file["VTKHDF"]
             n_steps = int(vtk["Steps"].attrs["NSteps"])
             k = step % n_steps
@@ -64,13 +76,13 @@ class Run:
 
     def history(self, name: str, column: str) -> np.ndarray:
         """The valid rows of a history column."""
-        with h5py.File(self.folder / f"{name}.vtkhdf") as file:
+        with self._open(name) as file:
             group = file["History"]
             return np.asarray(group[column][: int(group.attrs["n_entries"])])
 
     def times(self, name: str) -> np.ndarray:
         """Times of the output steps."""
-        with h5py.File(self.folder / f"{name}.vtkhdf") as file:
+        with self._open(name) as file:
             steps = file["VTKHDF/Steps"]
             return np.asarray(steps["Values"][: int(steps.attrs["NSteps"])])
 

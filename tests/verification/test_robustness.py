@@ -135,7 +135,7 @@ def test_crushed_particle_is_named(dosui: Runner, ranks: int) -> None:
 &output name = 'crush' /
 """
     run = dosui(text, ranks=ranks)
-    assert run.status == 1
+    run.ended_with(1)
     pattern = r"particle \d+ has lost all its volume \(J <= 0\) in step \d+, t = \S+ s, at \("
     assert re.search(pattern, run.stderr), run.stderr
     times = run.times("crush")

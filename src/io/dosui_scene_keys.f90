@@ -403,18 +403,15 @@ contains
     do m = 1, size(catalogue%model)
       do j = 1, size(catalogue%key)
         if (catalogue%bringer(j) /= m) cycle
-        associate (place => catalogue%key(j)%place)
+        associate (place => catalogue%key(j)%place, of_others => catalogue%key(j)%described)
           if (is_owned(place)) then
             described = material%soil%key_of(place(chosen))
             described%is_required = described%is_required .and. .not. material%rigid
-            described%only = catalogue%key(j)%only
+            described%only = of_others%only
             call v%property(material%soil%constant(place(chosen)), described)
           else
-            described = catalogue%model(m)%model%key_of(place(m))
-            described%applies = .false.
-            described%is_undecided = chosen == 0
-            described%only = catalogue%key(j)%only
-            call v%property(catalogue%model(m)%model%constant(place(m)), described)
+            of_others%is_undecided = chosen == 0
+            call v%property(catalogue%model(m)%model%constant(place(m)), of_others)
           end if
         end associate
       end do

@@ -25,7 +25,7 @@ module dosui_materials
   type, public :: soil_key_t
     !! A key that one model or several have.
     character(len=name_length) :: name = ''
-    character(len=:), allocatable :: only         !! where it has a meaning, '' for everywhere
+    type(key_t) :: described                      !! as the first model has it; it does not apply
     integer :: place(size(model_names)) = 0       !! index among each model's constants, 0: none
   end type soil_key_t
 
@@ -83,7 +83,7 @@ contains
   subroutine soil_catalogue_init(self)
     !! Asks all models for their keys.
     class(soil_catalogue_t), intent(inout) :: self
-    type(key_t) :: described
+    type(key_t) :: described   ! of one model
     type(soil_key_t), allocatable :: all(:)
     integer :: m, k, j, n
 
@@ -104,7 +104,8 @@ contains
           n = n + 1
           j = n
           all(j)%name = described%name
-          all(j)%only = described%only
+          all(j)%described = described
+          all(j)%described%applies = .false.
         end if
         all(j)%place(m) = k
       end do
@@ -112,7 +113,7 @@ contains
     allocate (self%key(n))
     do j = 1, n
       self%key(j) = all(j)
-      if (len(all(j)%only) == 0) self%key(j)%only = owners(all(j)%place > 0)
+      if (len(all(j)%described%only) == 0) self%key(j)%described%only = owners(all(j)%place > 0)
     end do
   end subroutine soil_catalogue_init
 

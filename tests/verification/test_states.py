@@ -193,7 +193,7 @@ def test_constants_that_do_not_fit(dosui):
     soil = "model='mohr_coulomb' friction_angle=20 dilation_angle=30"
     run = dosui(box(soil=soil), "--check")
     assert run.status == 2
-    assert "material 's': dilation_angle must not exceed friction_angle" in run.stderr
+    assert ":4: &material dilation_angle = 30: must not exceed friction_angle" in run.stderr
 
 
 def test_rigid_scenes_are_not_shaken(dosui):

@@ -238,7 +238,7 @@ def test_run_out_of_a_block(dosui: Runner) -> None:
 def test_refusals_and_warnings(dosui: Runner) -> None:
     """Steps that tear tips apart, keys that exclude each other, transfers that eat run-outs."""
     for changes, complaint in (
-        ({"courant": 0.7}, r":4: &time courant = 0.7: must be at most 0.65"),
+        ({"courant": 0.7}, r":4: &time courant = 0.7: .* take courant = 0.65 or less"),
         (
             {"softening": "softening_displacement = 0.1 softening_strain = 0.2"},
             r":6: &material softening_strain = 0.2: does not go with softening_displacement",

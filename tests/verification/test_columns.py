@@ -44,7 +44,7 @@ def test_drainage_of_turned_and_jittered_columns(
 
 
 @pytest.mark.parametrize("shape", ["linear", "gimp", "bspline"])
-@pytest.mark.parametrize("seed", [1, 7])
+@pytest.mark.parametrize("seed", [1, pytest.param(7, marks=pytest.mark.long)])
 def test_jittered_coupled_column(dosui: Runner, shape: str, seed: int) -> None:
     """Disorder costs nothing: undrained pressure at round-off, errors as on the lattice."""
     column = Column(

@@ -174,7 +174,13 @@ def test_strip_load_keeps_pressures_bounded(dosui: Runner, jitter: float, per_ce
 
 
 @pytest.mark.parametrize(
-    ("spacing", "per_cell", "jitter"), [(0.2, 1, 0.0), (0.2, 2, 0.0), (0.1, 1, 0.0), (0.1, 2, 0.25)]
+    ("spacing", "per_cell", "jitter"),
+    [
+        (0.2, 1, 0.0),
+        (0.2, 2, 0.0),
+        (0.1, 1, 0.0),
+        pytest.param(0.1, 2, 0.25, marks=pytest.mark.long),
+    ],
 )
 def test_strip_load_does_not_lock(
     dosui: Runner, spacing: float, per_cell: int, jitter: float
@@ -221,6 +227,7 @@ def test_iterative_solutions_on_any_number_of_ranks(dosui: Runner) -> None:
             assert norm(found, right) <= tolerance, (step, name)
 
 
+@pytest.mark.long
 def test_direct_solutions_where_iterations_fail(
     dosui: Runner, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -240,7 +247,12 @@ def test_direct_solutions_where_iterations_fail(
 
 @pytest.mark.parametrize(
     ("dimension", "cells", "per_cell"),
-    [(1, (20, 40, 80), 1), (2, (8, 16, 32), 1), (2, (8, 16, 32), 2), (3, (4, 8), 2)],
+    [
+        (1, (20, 40, 80), 1),
+        (2, (8, 16, 32), 1),
+        (2, (8, 16, 32), 2),
+        pytest.param(3, (4, 8), 2, marks=pytest.mark.long),
+    ],
 )
 def test_manufactured_solution_order_in_space(
     dosui: Runner, dimension: int, cells: tuple[int, ...], per_cell: int

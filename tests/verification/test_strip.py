@@ -162,7 +162,8 @@ def test_the_reference_converges(nu: float) -> None:
 
 @pytest.mark.parametrize("nu", [0.0, 0.3])
 @pytest.mark.parametrize(
-    ("spacing", "per_cell", "jitter"), [(0.2, 2, 0.0), (0.1, 1, 0.0), (0.2, 2, 0.25)]
+    ("spacing", "per_cell", "jitter"),
+    [(0.2, 2, 0.0), pytest.param(0.1, 1, 0.0, marks=pytest.mark.long), (0.2, 2, 0.25)],
 )
 def test_settlement_of_a_strip(
     dosui: Runner, spacing: float, per_cell: int, jitter: float, nu: float

@@ -34,8 +34,8 @@ module dosui_implicit_system
   integer, parameter, public :: n_system_memory = 3   !! numbers that a checkpoint keeps
   integer, parameter :: last_resort = 20   !! times as many are factorised where iterations fail
   real(wp), parameter :: hourglass_stiffness = 0.1_wp
-  real(wp), parameter :: least_part = 0.1003_wp   !! of a cell whose nodes may lead others [-]
   !! of cells with one particle, over their deviatoric stiffness; it acts on increments only [-]
+  real(wp), parameter :: least_part = 0.1003_wp   !! of a cell whose nodes may lead others [-]
   real(wp), parameter :: empty_node = 1.0e-12_wp   !! stiffness of a node over the modulus [-]
 
   type :: means_t

@@ -139,8 +139,8 @@ def drainage_errors(run: Run, name: str, dimension: int, factors: tuple[float, .
 @pytest.mark.parametrize(
     "region",
     [
-        "shape_angle = 20.0\n  lattice_angle = 20.0",
-        "jitter = 0.25",
+        pytest.param("shape_angle = 20.0\n  lattice_angle = 20.0", marks=pytest.mark.long),
+        pytest.param("jitter = 0.25", marks=pytest.mark.long),
         "lattice_angle = 7.0 jitter = 0.4",
     ],
 )

@@ -348,7 +348,7 @@ def test_block_between_plates_widens(dosui: Runner) -> None:
     assert np.abs(fields["effective_stress"][:, 0]).max() <= 1e-6 * MODULUS
 
 
-@pytest.mark.parametrize("ranks", [2, 3])
+@pytest.mark.parametrize("ranks", [pytest.param(2, marks=pytest.mark.long), 3])
 def test_ranks_and_restart(dosui: Runner, ranks: int) -> None:
     """Ranks agree to 1e-11; a restart goes on bit by bit."""
     text = SoftColumn(dimension=2, cells=10, per_cell=2, jitter=0.1).text()

@@ -56,6 +56,7 @@ def test_jittered_coupled_column(dosui: Runner, shape: str, seed: int) -> None:
     assert found[1:].max() <= 5e-3
 
 
+@pytest.mark.long
 def test_turned_coupled_column(dosui: Runner) -> None:
     """Rollers, load and drainage on surfaces that no grid line follows: 2e-3, order 0.9."""
     norms = []

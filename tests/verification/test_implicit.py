@@ -250,7 +250,7 @@ def test_direct_solutions_where_iterations_fail(
     [
         (1, (20, 40, 80), 1),
         (2, (8, 16, 32), 1),
-        (2, (8, 16, 32), 2),
+        pytest.param(2, (8, 16, 32), 2, marks=pytest.mark.long),
         pytest.param(3, (4, 8), 2, marks=pytest.mark.long),
     ],
 )

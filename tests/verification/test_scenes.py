@@ -26,7 +26,7 @@ def depth(points: np.ndarray) -> np.ndarray:
     return 1.0 - points[:, 2]
 
 
-@pytest.mark.parametrize("dimension", [1, 2])
+@pytest.mark.parametrize("dimension", [1, pytest.param(2, marks=pytest.mark.long)])
 def test_terzaghi_error(dosui: Runner, dimension: int) -> None:
     """The published particle set reaches 1e-3 at T >= 0.1 and 5e-3 at T = 0.05."""
     run = dosui(ROOT / f"input/terzaghi/scene_{dimension}d.nml", "--output", ".", timeout=900)

@@ -22,6 +22,7 @@ contains
     type(error_t) :: err
     integer :: m, p
 
+    if (.not. any(model%scene%material%varies())) return
     do p = 1, model%particles%count
       m = nint(model%particles%field(model%p%material)%values(1, p))
       associate (material => model%scene%material(m))

@@ -14,6 +14,7 @@ module dosui_equilibrium
   use dosui_dimension, only: ndim, nsig
   use dosui_error, only: error_t
   use dosui_implicit_system, only: add_hourglass_forces, find_empty, implicit_system_t, is_small
+  use dosui_isotropic_model, only: isotropic_model_t
   use dosui_linear_elastic, only: linear_elastic_t
   use dosui_materials, only: material_set_t
   use dosui_model, only: model_t
@@ -184,9 +185,10 @@ contains
       call part%init(9.0_wp*bulk*shear/(3.0_wp*bulk + shear), &
                      (3.0_wp*bulk - 2.0_wp*shear)/(2.0_wp*(3.0_wp*bulk + shear)))
       allocate (elastic%item(m)%model, source=part)
-      if (soils%item(m)%model%varies() .and. soils%item(m)%model%is_isotropic()) then
-        call elastic%item(m)%model%vary_like(soils%item(m)%model)
-      end if
+      select type (soil => soils%item(m)%model)
+      class is (isotropic_model_t)   ! it has the same first constants
+        if (soil%varies()) call elastic%item(m)%model%vary_like(soil)
+      end select
     end do
   end function elastic_parts
 

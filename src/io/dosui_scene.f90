@@ -465,7 +465,7 @@ contains
     if (k > 0) call self%soil%constant(k)%set(value)
   end subroutine material_set
 
-  pure logical function material_varies(self) result(varies)
+  pure elemental logical function material_varies(self) result(varies)
     !! Is any property a formula of place?
     class(material_t), intent(in) :: self
 

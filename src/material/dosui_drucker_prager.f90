@@ -12,19 +12,14 @@ module dosui_drucker_prager
   use dosui_kinds, only: wp
   use dosui_dimension, only: nsig
   use dosui_error, only: error_t
-  use dosui_isotropic_model, only: elastic_key, isotropic_model_t, n_elastic, opened, &
-                                   plastic_strain, poisson_ratio, young_modulus
+  use dosui_isotropic_model, only: isotropic_model_t, opened, plastic_strain, poisson_ratio, &
+                                   young_modulus
   use dosui_key_visitor, only: key, key_t, key_visitor_t, name_length
-  use dosui_strength, only: check_dilation, degree, flatter
   use dosui_principal, only: deviator_of, elastic_matrix, tangent_from_invariants
-  use dosui_shared_keys, only: shared_key
+  use dosui_strength, only: check_dilation, cohesion, degree, dilation_angle, flatter, &
+                            friction_angle, n_strength, strength_key, tensile_strength
   implicit none
   private
-
-  ! constants after the elastic ones
-  integer, parameter :: cohesion = n_elastic + 1, friction_angle = n_elastic + 2, &
-                        dilation_angle = n_elastic + 3, tensile_strength = n_elastic + 4, &
-                        n_constant = n_elastic + 4
 
   type, extends(isotropic_model_t), public :: drucker_prager_t
     character(len=name_length) :: cone = 'compression'
@@ -51,7 +46,7 @@ contains
     !! Elasticity and strength: without friction, cohesion and limit to tension.
     class(drucker_prager_t), intent(inout) :: self
 
-    if (.not. allocated(self%constant)) allocate (self%constant(n_constant))
+    if (.not. allocated(self%constant)) allocate (self%constant(n_strength))
     self%constant(tensile_strength)%constant = huge(1.0_wp)
   end subroutine drucker_prager_declare
 
@@ -63,18 +58,7 @@ contains
 
     associate (not_used => self%strength)
     end associate
-    select case (k)
-    case (cohesion)
-      described = shared_key('cohesion')
-    case (friction_angle)
-      described = shared_key('friction_angle')
-    case (dilation_angle)
-      described = shared_key('dilation_angle')
-    case (tensile_strength)
-      described = shared_key('tensile_strength')
-    case default
-      described = elastic_key(k)
-    end select
+    described = strength_key(k)
   end function drucker_prager_key_of
 
   subroutine drucker_prager_visit_options(self, visitor, applies)
@@ -94,8 +78,7 @@ contains
     class(drucker_prager_t), intent(in) :: self
     character(len=:), allocatable, intent(out) :: key, message
 
-    key = 'dilation_angle'
-    call check_dilation(self%constant(dilation_angle), self%constant(friction_angle), message)
+    call check_dilation(self%constant, key, message)
   end subroutine drucker_prager_check
 
   pure logical function drucker_prager_has_strength(self) result(has_strength)

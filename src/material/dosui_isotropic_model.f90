@@ -28,7 +28,6 @@ module dosui_isotropic_model
     procedure :: name_plastic_state => isotropic_model_name_plastic_state
     procedure :: declare => isotropic_model_declare
     procedure :: key_of => isotropic_model_key_of
-    procedure :: is_isotropic => isotropic_model_is_isotropic
     procedure :: elastic_tangent => isotropic_model_elastic_tangent
     procedure :: constrained_modulus => isotropic_model_constrained_modulus
     procedure :: shear_modulus => isotropic_model_shear_modulus
@@ -54,15 +53,6 @@ contains
     end associate
     described = elastic_key(k)
   end function isotropic_model_key_of
-
-  pure logical function isotropic_model_is_isotropic(self) result(is_isotropic)
-    !! Elasticity is constant.
-    class(isotropic_model_t), intent(in) :: self
-
-    associate (not_used => self%shear)
-    end associate
-    is_isotropic = .true.
-  end function isotropic_model_is_isotropic
 
   pure function elastic_key(k) result(described)
     !! What is known about the key of an elastic constant.

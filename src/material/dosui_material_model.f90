@@ -57,7 +57,6 @@ module dosui_material_model
     procedure :: vary => material_model_vary
     procedure :: vary_like => material_model_vary_like
     procedure :: varies => material_model_varies
-    procedure :: is_isotropic => material_model_is_isotropic
     procedure :: update_stress => material_model_update_stress
     procedure :: tangent => material_model_tangent
     procedure :: moduli => material_model_moduli
@@ -278,15 +277,6 @@ contains
     self%state_units = other%state_units
   end subroutine material_model_vary_like
 
-  pure logical function material_model_is_isotropic(self) result(is_isotropic)
-    !! Is elasticity constant, with Young's modulus and Poisson's ratio as first constants?
-    class(material_model_t), intent(in) :: self
-
-    associate (not_used => self%band_width)
-    end associate
-    is_isotropic = .false.
-  end function material_model_is_isotropic
-
   pure logical function material_model_varies(self) result(varies)
     !! Does any constant vary with place?
     class(material_model_t), intent(in) :: self
@@ -302,16 +292,18 @@ contains
     if (allocated(self%varying)) n = n - size(self%varying)
   end function material_model_n_own_state
 
-  pure subroutine material_model_take_place(self, varying, values)
-    !! Takes the constants of a place and derives what follows from them.
+  pure subroutine material_model_take_place(self, whole, state)
+    !! Makes a copy of a model that varies the uniform one of a point.
     class(material_model_t), intent(inout) :: self
-    integer, intent(in) :: varying(:)       !! which
-    real(wp), intent(in) :: values(:)       !! of theirs [units of the constants]
-    integer :: j
+    class(material_model_t), intent(in) :: whole   !! that varies
+    real(wp), intent(in) :: state(:)   !! of the point, more may follow [units of `state_units`]
+    integer :: j, m
 
-    do j = 1, size(varying)
-      call self%constant(varying(j))%set(values(j))
+    m = whole%n_own_state()
+    do j = 1, size(whole%varying)
+      call self%constant(whole%varying(j))%set(state(m + j))
     end do
+    if (allocated(self%varying)) deallocate (self%varying)
     call self%prepare()
   end subroutine material_model_take_place
 
@@ -333,10 +325,9 @@ contains
       return
     end if
     allocate (local, source=self)
-    deallocate (local%varying)
     m = self%n_own_state()
     do p = 1, n
-      call local%take_place(self%varying, state(m + 1:m + size(self%varying), p))
+      call local%take_place(self, state(:, p))
       if (present(tangent)) then
         call local%return_stress(1, strain_increment(:, p:p), stress(:, p:p), state(:m, p:p), err, &
                                  tangent(:, :, p:p))
@@ -353,17 +344,14 @@ contains
     real(wp), intent(in) :: state(:)                 !! more may follow [units of `state_units`]
     real(wp), intent(out) :: tangent(nsig, nsig)     !! for 2 x shear strains [Pa]
     class(material_model_t), allocatable :: local
-    integer :: m
 
     if (.not. allocated(self%varying)) then
       call self%elastic_tangent(stress, state, tangent)
       return
     end if
     allocate (local, source=self)
-    deallocate (local%varying)
-    m = self%n_own_state()
-    call local%take_place(self%varying, state(m + 1:m + size(self%varying)))
-    call local%elastic_tangent(stress, state(:m), tangent)
+    call local%take_place(self, state)
+    call local%elastic_tangent(stress, state, tangent)
   end subroutine material_model_tangent
 
   pure subroutine material_model_moduli(self, state, bulk, shear)
@@ -374,7 +362,7 @@ contains
     class(material_model_t), allocatable :: local
 
     allocate (local, source=self)
-    call local%take_place(self%varying, self%place_values(state))
+    call local%take_place(self, state)
     bulk = local%bulk_modulus()
     shear = local%shear_modulus()
   end subroutine material_model_moduli
@@ -431,8 +419,7 @@ contains
       state(m + j) = value
     end do
     allocate (local, source=self)
-    deallocate (local%varying)
-    call local%take_place(self%varying, state(m + 1:m + size(self%varying)))
+    call local%take_place(self, state)
     call local%check(name, message)
     if (len(message) > 0) then
       message = name//' '//message

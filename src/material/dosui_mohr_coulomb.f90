@@ -16,22 +16,20 @@ module dosui_mohr_coulomb
   use dosui_kinds, only: wp
   use dosui_dimension, only: nsig
   use dosui_error, only: error_t
-  use dosui_isotropic_model, only: elastic_key, isotropic_model_t, n_elastic, opened, &
-                                   plastic_strain, poisson_ratio, young_modulus
+  use dosui_isotropic_model, only: isotropic_model_t, opened, plastic_strain, poisson_ratio, &
+                                   young_modulus
   use dosui_key_visitor, only: key, key_t
-  use dosui_strength, only: check_dilation, degree, flatter
   use dosui_principal, only: elastic_matrix, principal_stresses, stress_from_principal, &
                              tangent_from_principal
-  use dosui_shared_keys, only: shared_key
+  use dosui_strength, only: check_dilation, cohesion, degree, dilation_angle, flatter, &
+                            friction_angle, n_strength, strength_key, tensile_strength
   implicit none
   private
 
-  ! constants after the elastic ones
-  integer, parameter :: cohesion = n_elastic + 1, friction_angle = n_elastic + 2, &
-                        dilation_angle = n_elastic + 3, tensile_strength = n_elastic + 4, &
-                        softening_displacement = n_elastic + 5, &
-                        softening_strain = n_elastic + 6, residual_cohesion = n_elastic + 7, &
-                        residual_friction_angle = n_elastic + 8, n_constant = n_elastic + 8
+  ! constants after those of elasticity and strength
+  integer, parameter :: softening_displacement = n_strength + 1, &
+                        softening_strain = n_strength + 2, residual_cohesion = n_strength + 3, &
+                        residual_friction_angle = n_strength + 4, n_constant = n_strength + 4
   integer, parameter :: n_plane = 6   ! shear between 1-3, 1-2, 2-3, tension along 1, 2, 3
   integer, parameter :: n_set = 41    ! of up to three planes
   integer, parameter :: sets(n_set) = [ &   ! their numbers as digits: likely ones, then all others
@@ -92,14 +90,6 @@ contains
     character(len=*), parameter :: only = 'softening_displacement or softening_strain > 0'
 
     select case (k)
-    case (cohesion)
-      described = shared_key('cohesion')
-    case (friction_angle)
-      described = shared_key('friction_angle')
-    case (dilation_angle)
-      described = shared_key('dilation_angle')
-    case (tensile_strength)
-      described = shared_key('tensile_strength')
     case (softening_displacement)
       described = key('softening_displacement', 'displacement across a shear band over which '// &
                       'cohesion and friction fall to their residual values: a plastic shear '// &
@@ -116,7 +106,7 @@ contains
       described = key('residual_friction_angle', 'phi after softening', unit='deg', &
                       range='>= 0 and < 90', only=only, applies=self%softens())
     case default
-      described = elastic_key(k)
+      described = strength_key(k)
     end select
   end function mohr_coulomb_key_of
 
@@ -125,8 +115,7 @@ contains
     class(mohr_coulomb_t), intent(in) :: self
     character(len=:), allocatable, intent(out) :: key, message
 
-    key = 'dilation_angle'
-    call check_dilation(self%constant(dilation_angle), self%constant(friction_angle), message)
+    call check_dilation(self%constant, key, message)
     if (len(message) > 0) return
     key = 'softening_strain'
     if (self%constant(softening_strain)%constant > 0.0_wp .and. &

@@ -16,16 +16,6 @@ contains
     select case (name)
     case ('poisson_ratio')
       described = key(name, 'drained Poisson''s ratio', unit='-', range='> -1 and < 0.5')
-    case ('cohesion')
-      described = key(name, 'c; with friction_angle = 0 the undrained strength', unit='Pa', &
-                      range='>= 0')
-    case ('friction_angle')
-      described = key(name, 'angle of friction', unit='deg', range='>= 0 and < 90')
-    case ('dilation_angle')
-      described = key(name, 'psi, not above friction_angle', unit='deg', range='>= 0 and < 90')
-    case ('tensile_strength')
-      described = key(name, 'largest principal (mohr_coulomb) or mean (drucker_prager) tension', &
-                      unit='Pa', range='>= 0', fallback='unlimited')
     case ('critical_state_ratio')
       described = key(name, 'M: q/p in the critical state, of sand in triaxial compression; '// &
                       'cam_clay needs it', unit='-', range='>= 0.1 and <= 3')

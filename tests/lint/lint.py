@@ -27,7 +27,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import documents
-from docstrings import check_choices, check_units
+from docstrings import check_choices, check_units, split_comment
 
 ROOT = Path(__file__).resolve().parents[2]
 LINE_LENGTH = 100
@@ -175,19 +175,6 @@ KNOWN_BY_NAME = {
 COMPARISON = r"(==|/=)\s*{0}|{0}\s*(==|/=)|\bcase\s*\([^)]*{0}"
 
 
-def without_comment(line: str) -> str:
-    """The line without its comment, strings included."""
-    quote = ""
-    for place, character in enumerate(line):
-        if quote:
-            quote = "" if character == quote else quote
-        elif character in "'\"":
-            quote = character
-        elif character == "!":
-            return line[:place]
-    return line
-
-
 def check_names() -> list[str]:
     problems = []
     for what, (names, constants, owners, left) in KNOWN_BY_NAME.items():
@@ -197,7 +184,7 @@ def check_names() -> list[str]:
         for path in fortran_files():
             for number, line in enumerate(path.read_text().splitlines(), start=1):
                 if not (
-                    of_names.search(without_comment(line)) or of_constants.search(code_of(line))
+                    of_names.search(split_comment(line)[0]) or of_constants.search(code_of(line))
                 ):
                     continue
                 found.add(path.stem)

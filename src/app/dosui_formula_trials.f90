@@ -6,11 +6,11 @@ module dosui_formula_trials
   use dosui_kinds, only: wp
   use dosui_dimension, only: axis, ndim
   use dosui_error, only: error_t
-  use dosui_expression, only: expression_t
   use dosui_model, only: model_t
   use dosui_namelist, only: namelist_t
   use dosui_problems, only: problems_t
-  use dosui_scene, only: axis_name, pattern_t
+  use dosui_scalar_function, only: scalar_function_t
+  use dosui_scene, only: axis_name
   use dosui_surface_sets, only: index_of, set_holds
   use dosui_text, only: to_text
   implicit none
@@ -88,7 +88,7 @@ contains
     type(model_t), intent(in) :: model
     character(len=*), intent(in) :: group
     integer, intent(in) :: instance
-    type(pattern_t), intent(in) :: pattern
+    type(scalar_function_t), intent(in) :: pattern
     real(wp), intent(in) :: value            !! that it multiplies
     real(wp), intent(in) :: position(:, :)   !! (ndim, n) [m]
     type(error_t) :: fault
@@ -99,7 +99,7 @@ contains
     stride = stride_of(size(position, 2), size(trial%time))
     times: do j = 1, size(trial%time)
       do p = 1 + mod(j - 1, stride), size(position, 2), stride
-        if (abs(value*pattern%at(trial%time(j), position(:, p))) <= huge(1.0_wp)) cycle
+        if (abs(value*pattern%at(position(:, p), trial%time(j))) <= huge(1.0_wp)) cycle
         call fault%set(what_is_wrong(position(:, p) + model%scene%local_origin, trial%time(j)))
         exit times
       end do
@@ -112,11 +112,9 @@ contains
     type(trial_t), intent(inout) :: trial
     type(model_t), intent(in) :: model
     integer :: d
-    type(pattern_t) :: none   ! no table
 
-    trial%time = trial_times(model, none)
     do d = 1, ndim
-      if (.not. allocated(model%scene%source%force(axis(d))%text)) cycle
+      if (.not. model%sources%force(d)%varies()) cycle
       call try_source(trial, model, 'force_'//axis_name(axis(d)), model%sources%force(d))
     end do
     if (model%sources%has_water) call try_source(trial, model, 'water', model%sources%water)
@@ -127,17 +125,17 @@ contains
     type(trial_t), intent(inout) :: trial
     type(model_t), intent(in) :: model
     character(len=*), intent(in) :: key
-    type(expression_t), intent(in) :: formula
+    type(scalar_function_t), intent(in) :: formula
     type(error_t) :: fault
     integer :: j, p, stride
 
+    trial%time = trial_times(model, formula)
     associate (position => model%particles%field(model%p%position)%values, &
                n => model%particles%count)
       stride = stride_of(n, size(trial%time))
       times: do j = 1, size(trial%time)
         do p = 1 + mod(j - 1, stride), n, stride
-          if (abs(formula%value([position(:, p) + model%scene%local_origin, &
-                                 trial%time(j)])) <= huge(1.0_wp)) cycle
+          if (abs(formula%at(position(:, p), trial%time(j))) <= huge(1.0_wp)) cycle
           call fault%set(what_is_wrong(position(:, p) + model%scene%local_origin, trial%time(j)))
           exit times
         end do
@@ -157,8 +155,8 @@ contains
     !! Start, end, output times, entries of the table, and times between: evenly over the run and
     !! one a decade before its end [s].
     type(model_t), intent(in) :: model
-    type(pattern_t), intent(in) :: pattern
-    real(wp), allocatable :: time(:)
+    type(scalar_function_t), intent(in) :: pattern
+    real(wp), allocatable :: time(:), corner(:)
     real(wp) :: now, next
     integer :: k, n
 
@@ -174,11 +172,9 @@ contains
         n = int(min(real(most_outputs, wp), options%end_time/options%output_interval))
         time = [time, (options%output_interval*real(k, wp), k=1, n)]
       end if
-      if (allocated(pattern%factor%time)) then
-        n = min(size(pattern%factor%time), 10*most_outputs)
-        time = [time, pattern%factor%time(:n), &
-                0.5_wp*(pattern%factor%time(2:n) + pattern%factor%time(:n - 1))]
-      end if
+      corner = pattern%corners(ndim)
+      n = min(size(corner), 10*most_outputs)
+      time = [time, corner(:n), 0.5_wp*(corner(2:n) + corner(:n - 1))]
       time = pack(time, time >= start .and. time <= options%end_time)
     end associate
     do k = 1, size(time)   ! in order, so that the first time is named

@@ -54,6 +54,7 @@ contains
     model%averaged = scene%mechanics%average_volume_change .and. .not. model%rigid
     model%finite = scene%deformation == 'finite'
     model%centred = model%averaged .and. scene%mechanics%coupling_gradient /= 'particle'
+    call model%scene%prepare_functions()
     call prepare_conditions(model)
     n = size(scene%hydraulic_condition)
     allocate (model%condition_surface(n))
@@ -69,7 +70,7 @@ contains
     filtered = scene%mechanics%transfer == 'aflip' .and. .not. model%rigid
     affine = filtered .or. (scene%mechanics%transfer == 'apic' .and. .not. model%rigid)
     call scene%prepare_materials(model%materials)
-    call model%sources%init(scene%source, scene%local_origin)
+    call model%sources%init(model%scene%source)
     if (.not. model%rigid) call prepare_reactions(model)
     model%nonlinear = model%unsaturated .or. &
                       (model%materials%is_nonlinear() .and. .not. model%rigid)
@@ -115,21 +116,15 @@ contains
   end subroutine prepare_reactions
 
   subroutine prepare_conditions(model)
-    !! Formulas of conditions, and what suction does in each material.
+    !! Weights of reservoirs' water, and what suction does in each material.
     type(model_t), intent(inout) :: model
-    character(len=:), allocatable :: message   ! none: the scene has been checked
     integer :: k
 
     do k = 1, size(model%scene%mechanical_condition)
       associate (condition => model%scene%mechanical_condition(k))
-        call condition%pattern%prepare(message)
         condition%water_weight = -model%scene%water%density*model%scene%gravity(ndim)
       end associate
     end do
-    do k = 1, size(model%scene%hydraulic_condition)
-      call model%scene%hydraulic_condition(k)%pattern%prepare(message)
-    end do
-    call model%scene%base_motion%pattern%prepare(message)
     model%switching = model%coupled .and. any(model%scene%hydraulic_condition%may_switch())
     allocate (model%retention(size(model%scene%material)))
     do k = 1, size(model%scene%material)

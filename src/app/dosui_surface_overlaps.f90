@@ -128,17 +128,7 @@ contains
     type(hydraulic_condition_t), intent(in) :: a, b
 
     differ = a%kind /= b%kind .or. abs(a%value - b%value) > 0.0_wp .or. &
-             (allocated(a%pattern%formula) .neqv. allocated(b%pattern%formula)) .or. &
-             (allocated(a%pattern%factor%time) .neqv. allocated(b%pattern%factor%time))
-    if (differ) return
-    if (allocated(a%pattern%formula)) differ = a%pattern%formula /= b%pattern%formula
-    if (differ .or. .not. allocated(a%pattern%factor%time)) return
-    associate (one => a%pattern%factor, other => b%pattern%factor)
-      differ = size(one%time) /= size(other%time)
-      if (differ) return
-      differ = any(abs(one%time - other%time) > 0.0_wp) .or. &
-               any(abs(one%value - other%value) > 0.0_wp)
-    end associate
+             .not. a%pattern%equals(b%pattern)
   end function differ
 
   pure integer function mechanical_meeting(model, first, second) result(kind)

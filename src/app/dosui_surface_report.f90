@@ -5,7 +5,8 @@ module dosui_surface_report
   use dosui_face_pieces, only: is_faceted
   use dosui_model, only: model_t
   use dosui_probes, only: points_in_reach
-  use dosui_scene, only: hydraulic_condition_t, mechanical_condition_t, pattern_t
+  use dosui_scalar_function, only: scalar_function_t
+  use dosui_scene, only: hydraulic_condition_t, mechanical_condition_t
   use dosui_seeding, only: region_spacing
   use dosui_surface_forces, only: load_traction
   use dosui_surface_sets, only: index_of, set_holds
@@ -203,27 +204,29 @@ contains
 
   pure function variation(pattern) result(text)
     !! Says that a value varies.
-    type(pattern_t), intent(in) :: pattern
+    type(scalar_function_t), intent(in) :: pattern
     character(len=:), allocatable :: text
 
     text = ''
-    if (allocated(pattern%factor%time)) text = ' times '//to_text(size(pattern%factor%time))// &
-                                               ' factors of time'
+    if (allocated(pattern%factor%argument)) then
+      text = ' times '//to_text(size(pattern%factor%argument))//' factors of time'
+    end if
     if (allocated(pattern%formula)) text = text//' times '//pattern%formula
   end function variation
 
   pure function telling_times(pattern, end_time) result(times)
     !! When a load may be largest: one time if it is constant [s].
-    type(pattern_t), intent(in) :: pattern
+    type(scalar_function_t), intent(in) :: pattern
     real(wp), intent(in) :: end_time   !! [s]
     real(wp), allocatable :: times(:)
     integer :: k
 
     times = [0.0_wp]
-    if (allocated(pattern%factor%time)) then
-      times = [times, pack(pattern%factor%time, pattern%factor%time > 0.0_wp .and. &
-                           pattern%factor%time < end_time), end_time]
-    end if
+    associate (corner => pattern%corners(ndim))
+      if (size(corner) > 0) then
+        times = [times, pack(corner, corner > 0.0_wp .and. corner < end_time), end_time]
+      end if
+    end associate
     if (allocated(pattern%formula)) then
       times = [times, (end_time*real(k, wp)/real(samples, wp), k=1, samples)]
     end if

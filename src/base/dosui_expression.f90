@@ -2,13 +2,15 @@
 !!
 !! A formula holds numbers, pi, variables that the caller names, + - * / ^ (or **), brackets, and
 !! sin cos tan atan exp log sqrt abs sinh cosh tanh step of one argument, min and max of two.
-!! step is 0 below zero and 1 from zero on. Powers go first and from the right: -x^2 is -(x^2),
-!! 2^3^2 is 2^9. Capitals and blanks do not count. Angles are radians.
+!! step is 0 below zero and 1 from zero on. Tables that the caller names are functions of one
+!! argument, too. Powers go first and from the right: -x^2 is -(x^2), 2^3^2 is 2^9. Capitals and
+!! blanks do not count. Angles are radians.
 !!
 !! Reading turns the text into a program for a stack machine; what is constant is computed there.
 module dosui_expression
   use dosui_kinds, only: wp
   use dosui_numbers, only: text_as_real
+  use dosui_table, only: named_table_t
   use dosui_text, only: lower_case, nearest_name, to_text
   implicit none
   private
@@ -17,12 +19,13 @@ module dosui_expression
   integer, parameter :: most_nested = 64    ! brackets, functions, signs and powers inside another
 
   ! Instructions: -k pushes variable k, op_constant the next constant; unary ones change the value
-  ! on top of the stack, those from op_add on replace the two on top.
+  ! on top of the stack, those from op_add on replace the two on top; op_table + k puts the value of
+  ! table k in the place of its argument.
   integer, parameter :: op_constant = 1, op_negate = 2, op_sin = 3, op_cos = 4, op_tan = 5, &
                         op_atan = 6, op_exp = 7, op_log = 8, op_sqrt = 9, op_abs = 10, &
                         op_sinh = 11, op_cosh = 12, op_tanh = 13, op_step = 14, op_add = 15, &
                         op_subtract = 16, op_multiply = 17, op_divide = 18, op_power = 19, &
-                        op_min = 20, op_max = 21
+                        op_min = 20, op_max = 21, op_table = 21
   character(len=4), parameter :: function_name(*) = &
                                  ['sin ', 'cos ', 'tan ', 'atan', 'exp ', 'log ', 'sqrt', &
                                   'abs ', 'sinh', 'cosh', 'tanh', 'step', 'min ', 'max ']
@@ -37,12 +40,15 @@ module dosui_expression
     !! A formula that has been read; before that, and after an error, the constant 0.
     private
     integer, allocatable :: code(:)         ! the program, operands before operators
+    type(named_table_t), allocatable :: table(:)   ! that it uses
     real(wp), allocatable :: constant(:)    !! in the order of the program [any unit]
   contains
     procedure :: parse => expression_parse
     procedure :: value => expression_value
     procedure :: is_constant => expression_is_constant
     procedure :: depends_on => expression_depends_on
+    procedure :: corners => expression_corners
+    procedure :: uses => expression_uses
   end type expression_t
 
   type :: parser_t   ! a text being read, and its program so far
@@ -54,6 +60,8 @@ module dosui_expression
     integer :: n_code = 0, n_constant = 0
     integer :: n_waiting = 0                   ! values on the stack
     integer :: nested = 0
+    type(named_table_t), allocatable :: known(:)   ! tables that may be named ...
+    type(named_table_t), allocatable :: table(:)   ! ... and those that are
     character(len=:), allocatable :: message   ! the first error
   contains
     procedure :: advance => parser_advance
@@ -65,7 +73,7 @@ module dosui_expression
 
 contains
 
-  subroutine expression_parse(self, text, variables, message)
+  subroutine expression_parse(self, text, variables, message, tables)
     !! Reads a formula.
     use, intrinsic :: ieee_exceptions, only: ieee_all, ieee_status_type
     use, intrinsic :: ieee_exceptions, only: ieee_get_status, ieee_set_halting_mode, ieee_set_status
@@ -74,10 +82,13 @@ contains
     character(len=*), intent(in) :: variables(:)   !! names, in the order of their values
     character(len=:), allocatable, intent(out) :: message
     !! what is wrong and at which column; unallocated: nothing
+    type(named_table_t), intent(in), optional :: tables(:)   !! functions by their names
     type(parser_t) :: parser
     type(ieee_status_type) :: status
 
     parser%text = lower_case(text)
+    allocate (parser%known(0), parser%table(0))
+    if (present(tables)) parser%known = tables
     ! an instruction takes at least one character
     allocate (parser%code(len(text)), parser%constant(len(text)))
     call parser%advance(0)
@@ -93,6 +104,7 @@ contains
     else
       self%code = parser%code(:parser%n_code)
       self%constant = parser%constant(:parser%n_constant)
+      if (size(parser%table) > 0) self%table = parser%table
     end if
   end subroutine expression_parse
 
@@ -118,6 +130,8 @@ contains
           stack(top) = self%constant(n_constant)
         else if (code < op_add) then
           stack(top) = unary(code, stack(top))
+        else if (code > op_table) then
+          stack(top) = self%table(code - op_table)%at(stack(top))
         else
           top = top - 1
           stack(top) = binary(code, stack(top), stack(top + 1))
@@ -143,6 +157,31 @@ contains
     depends = .false.
     if (allocated(self%code) .and. k > 0) depends = any(self%code == -k)
   end function expression_depends_on
+
+  pure function expression_corners(self, k) result(corners)
+    !! Arguments of the entries of tables of the k-th variable alone, in no order: there the formula
+    !! may turn [unit of the variable].
+    class(expression_t), intent(in) :: self
+    integer, intent(in) :: k   !! place among the names at `parse`
+    real(wp), allocatable :: corners(:)
+    integer :: i
+
+    allocate (corners(0))
+    if (.not. allocated(self%table)) return
+    do i = 2, size(self%code)
+      if (self%code(i) <= op_table .or. self%code(i - 1) /= -k) cycle
+      corners = [corners, self%table(self%code(i) - op_table)%argument]
+    end do
+  end function expression_corners
+
+  pure logical function expression_uses(self, name) result(uses)
+    !! Does the formula hold the table of that name?
+    class(expression_t), intent(in) :: self
+    character(len=*), intent(in) :: name
+
+    uses = .false.
+    if (allocated(self%table)) uses = any(self%table%name == lower_case(trim(name)))
+  end function expression_uses
 
   ! ---------------------------------------------------------------- operations
 
@@ -366,26 +405,53 @@ contains
     end if
     do k = 1, size(function_name)
       if (function_name(k) == name) then
-        call parse_arguments(parser, variables, column, k)
+        call parse_arguments(parser, variables, column, name, function_code(k))
+        return
+      end if
+    end do
+    do k = 1, size(parser%known)
+      if (lower_case(trim(parser%known(k)%name)) == name) then
+        call parse_arguments(parser, variables, column, name, op_table + place_of(parser, k))
         return
       end if
     end do
     call complain_about_name(parser, variables, name, column)
   end subroutine parse_name
 
-  recursive subroutine parse_arguments(parser, variables, column, which)
+  integer function place_of(parser, known) result(place)
+    !! Where the formula keeps a known table; a name that is there is not put there again.
+    type(parser_t), intent(inout) :: parser
+    integer, intent(in) :: known
+    type(named_table_t), allocatable :: more(:)
+    character(len=:), allocatable :: name
+    integer :: k
+
+    name = lower_case(trim(parser%known(known)%name))
+    place = findloc(parser%table%name == name, .true., dim=1)
+    if (place > 0) return
+    place = size(parser%table) + 1
+    allocate (more(place))
+    do k = 1, place - 1
+      more(k) = parser%table(k)
+    end do
+    more(place) = parser%known(known)
+    more(place)%name = name
+    call move_alloc(more, parser%table)
+  end function place_of
+
+  recursive subroutine parse_arguments(parser, variables, column, name, code)
     !! (sum {, sum}) of a function.
     type(parser_t), intent(inout) :: parser
     character(len=*), intent(in) :: variables(:)
     integer, intent(in) :: column   !! of the function's name
-    integer, intent(in) :: which    !! function
+    character(len=*), intent(in) :: name
+    integer, intent(in) :: code     !! of the function
     integer :: bracket, n, wanted
 
-    wanted = merge(1, 2, function_code(which) < op_add)
+    wanted = merge(1, 2, code < op_add .or. code > op_table)
     bracket = parser%at
     if (parser%next /= '(') then
-      call parser%fail(trim(function_name(which))//' at column '//to_text(column)// &
-                       ' needs brackets: '//trim(function_name(which))// &
+      call parser%fail(name//' at column '//to_text(column)//' needs brackets: '//name// &
                        trim(merge('(a)   ', '(a, b)', wanted == 1)))
       return
     end if
@@ -399,10 +465,10 @@ contains
     end do
     call close_bracket(parser, bracket)
     if (n /= wanted) then
-      call parser%fail(trim(function_name(which))//' at column '//to_text(column)//' takes '// &
+      call parser%fail(name//' at column '//to_text(column)//' takes '// &
                        trim(merge('1 argument ', '2 arguments', wanted == 1))//', not '//to_text(n))
     end if
-    call parser%operate(function_code(which), wanted)
+    call parser%operate(code, wanted)
   end subroutine parse_arguments
 
   subroutine close_bracket(parser, column)
@@ -454,14 +520,16 @@ contains
     type(parser_t), intent(inout) :: parser
     character(len=*), intent(in) :: variables(:), name
     integer, intent(in) :: column
-    character(len=max(len(variables), len(function_name))) :: &
-      known(size(variables) + 1 + size(function_name))
+    character(len=max(len(variables), len(function_name), len(parser%known%name))) :: &
+      known(size(variables) + 1 + size(function_name) + size(parser%known))
     character(len=:), allocatable :: hint
     integer :: k
 
     known(:size(variables)) = variables
     known(size(variables) + 1) = name_of_pi
-    known(size(variables) + 2:) = function_name
+    k = size(variables) + 2
+    known(k:k + size(function_name) - 1) = function_name
+    known(k + size(function_name):) = parser%known%name
     hint = nearest_name(name, known)
     if (len(hint) > 0) then
       hint = 'did you mean '//hint//'?'
@@ -551,7 +619,11 @@ contains
     if (all(self%code(self%n_code - n + 1:self%n_code) == op_constant)) then
       associate (last => self%constant(self%n_constant), &
                  first => self%constant(self%n_constant - n + 1))
-        if (n == 1) x = unary(code, last)
+        if (code > op_table) then
+          x = self%table(code - op_table)%at(last)
+        else if (n == 1) then
+          x = unary(code, last)
+        end if
         if (n == 2) x = binary(code, first, last)
       end associate
       if (abs(x) <= huge(x)) then

@@ -106,7 +106,7 @@ contains
     shaking = 0.0_wp
     if (model%scene%base_motion%is_given) then
       shaking = model%scene%base_motion%acceleration* &
-                model%scene%base_motion%pattern%at(model%clock%time, spread(0.0_wp, 1, ndim))
+                model%scene%base_motion%pattern%at(spread(0.0_wp, 1, ndim), model%clock%time)
     end if
     allocate (push(ndim, model%grid%n_node))
     do i = 1, model%grid%n_node

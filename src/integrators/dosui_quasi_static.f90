@@ -16,7 +16,6 @@ module dosui_quasi_static
   use dosui_model, only: model_t
   use dosui_pore_water, only: add_pressure, wet_masses
   use dosui_progress_watch, only: n_watch_memory, progress_watch_t
-  use dosui_scene, only: table_t
   use dosui_seepage, only: seepage_t
   use dosui_skeleton_step, only: zero_velocities
   use dosui_stage_solver, only: stage_solver_t
@@ -79,25 +78,16 @@ contains
     if (err%failed()) return
     self%corner = [real(wp) ::]
     do c = 1, size(model%scene%mechanical_condition)
-      call add_corners(model%scene%mechanical_condition(c)%pattern%factor)
+      self%corner = [self%corner, model%scene%mechanical_condition(c)%pattern%corners(ndim)]
     end do
     do c = 1, size(model%scene%hydraulic_condition)
-      call add_corners(model%scene%hydraulic_condition(c)%pattern%factor)
+      self%corner = [self%corner, model%scene%hydraulic_condition(c)%pattern%corners(ndim)]
     end do
     self%is_rough = model%unsaturated .and. .not. model%clock%time > 0.0_wp
     call self%watch%init(model%scene%time%end_time, model%clock%time)
     if (.not. model%next_dt > 0.0_wp) then
       model%next_dt = merge(first_fraction, first_load, model%coupled)*model%scene%time%end_time
     end if
-
-  contains
-
-    subroutine add_corners(table)
-      !! Adds the times of a table.
-      type(table_t), intent(in) :: table
-
-      if (allocated(table%time)) self%corner = [self%corner, table%time]
-    end subroutine add_corners
   end subroutine quasi_static_init
 
   subroutine quasi_static_start(self, model, err)

@@ -38,7 +38,7 @@ contains
     shaking = 0.0_wp
     if (model%scene%base_motion%is_given) then
       shaking = model%scene%base_motion%acceleration* &
-                model%scene%base_motion%pattern%at(model%clock%time, spread(0.0_wp, 1, ndim))
+                model%scene%base_motion%pattern%at(spread(0.0_wp, 1, ndim), model%clock%time)
     end if
     if (model%reactions%is_wanted) call begin_forces(model, gravity, shaking)
     gravity = gravity - shaking

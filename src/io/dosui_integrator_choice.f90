@@ -14,7 +14,8 @@ module dosui_integrator_choice
                                      semi_implicit, traits_of
   use dosui_materials, only: material_set_t
   use dosui_ratios, only: bounded_ratio
-  use dosui_scene, only: name_length, scene_t, table_t
+  use dosui_scene, only: name_length, scene_t
+  use dosui_table, only: table_t
   use dosui_seeding, only: region_spacing
   use dosui_shapes, only: region_bounds
   implicit none
@@ -172,10 +173,10 @@ contains
       integer :: n
 
       is_fast = .false.
-      if (.not. allocated(table%time)) return
-      n = size(table%time)
+      if (.not. allocated(table%argument)) return
+      n = size(table%argument)
       if (n < 2) return
-      is_fast = any(table%time(2:n) - table%time(1:n - 1) < slow*travel .and. &
+      is_fast = any(table%argument(2:n) - table%argument(1:n - 1) < slow*travel .and. &
                     abs(table%value(2:n) - table%value(1:n - 1)) > 0.0_wp)
     end function is_fast
   end function why_inertia

@@ -8,7 +8,8 @@
 module dosui_local_origin
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim
-  use dosui_scene, only: hole_t, pattern_t, region_t, scene_t
+  use dosui_scalar_function, only: scalar_function_t
+  use dosui_scene, only: hole_t, region_t, scene_t
   use dosui_shapes, only: region_bounds
   implicit none
   private
@@ -194,11 +195,11 @@ contains
 
   pure subroutine move_level(pattern, origin, value, datum)
     !! A level of water that nothing varies moves itself; of others the datum does.
-    type(pattern_t), intent(in) :: pattern
+    type(scalar_function_t), intent(in) :: pattern
     real(wp), intent(in) :: origin          !! [m]
     real(wp), intent(inout) :: value, datum !! [m]
 
-    if (allocated(pattern%formula) .or. allocated(pattern%factor%time)) then
+    if (allocated(pattern%formula) .or. allocated(pattern%factor%argument)) then
       datum = origin
     else
       value = distance_from(origin, value)
@@ -209,7 +210,7 @@ contains
     !! Levels of water and ground, heads, and the places of formulas.
     type(scene_t), intent(inout) :: scene
     real(wp) :: level, head
-    integer :: k
+    integer :: k, d
 
     level = scene%local_origin(ndim)
     head = scene%head_at_origin()
@@ -221,18 +222,22 @@ contains
     end do
     do k = 1, size(scene%mechanical_condition)
       associate (condition => scene%mechanical_condition(k))
-        condition%pattern%origin = scene%local_origin
+        condition%pattern%origin(:ndim) = scene%local_origin
         if (condition%kind == 'reservoir') call move_level(condition%pattern, level, &
                                                            condition%value(1), condition%datum)
       end associate
     end do
     do k = 1, size(scene%hydraulic_condition)
       associate (condition => scene%hydraulic_condition(k))
-        condition%pattern%origin = scene%local_origin
+        condition%pattern%origin(:ndim) = scene%local_origin
         if (condition%kind == 'head' .or. condition%kind == 'reservoir') then
           call move_level(condition%pattern, head, condition%value, condition%datum)
         end if
       end associate
     end do
+    do d = 1, size(scene%source%force)
+      scene%source%force(d)%origin(:ndim) = scene%local_origin
+    end do
+    scene%source%water%origin(:ndim) = scene%local_origin
   end subroutine move_levels
 end module dosui_local_origin

@@ -5,13 +5,13 @@
 module dosui_scene
   use dosui_kinds, only: wp, i8
   use dosui_dimension, only: ndim, nsig, axis
-  use dosui_expression, only: expression_t
   use dosui_integrator_traits, only: automatic, integrator_choice_t
   use dosui_key_visitor, only: name_length
   use dosui_material_model, only: material_model_t
   use dosui_materials, only: create_model, material_set_t, soil_catalogue_t
   use dosui_problems, only: problems_t
   use dosui_scalar_function, only: scalar_function_t
+  use dosui_table, only: named_table_t
   use dosui_triangles, only: triangles_t
   implicit none
   private
@@ -24,15 +24,6 @@ module dosui_scene
   character(len=*), parameter, public :: density_range = '> 0'               !! [kg/m3]
   character(len=*), parameter, public :: porosity_range = '> 0 and < 1'      !! [-]
   character(len=*), parameter, public :: conductivity_range = '>= 0'         !! [m/s]
-
-  type, public :: table_t
-    !! A function of time: linear between entries, constant before the first and after the last.
-    real(wp), allocatable :: time(:)    !! strictly increasing [s]
-    real(wp), allocatable :: value(:)   !! same length [unit of the quantity]
-  contains
-    procedure :: at => table_at
-    procedure :: integral => table_integral
-  end type table_t
 
   type, public :: hole_t
     !! A polygon that is cut out of a region (2-D).
@@ -94,6 +85,7 @@ module dosui_scene
     procedure :: choose_soil => material_choose_soil
     procedure :: set => material_set
     procedure :: varies => material_varies
+    procedure :: calls => material_calls
     procedure :: follows_finite_strains => material_follows_finite_strains
     procedure :: value => material_value
   end type material_t
@@ -172,17 +164,6 @@ module dosui_scene
     procedure :: is_rough => rigid_wall_is_rough
   end type rigid_wall_t
 
-  type, public :: pattern_t
-    !! How a value varies: a table of time times a formula of place and time.
-    type(table_t) :: factor                          !! unallocated: 1
-    character(len=:), allocatable :: formula         !! of x, y, z [m] and t [s]; unallocated: 1
-    real(wp) :: origin(ndim) = 0.0_wp                !! where places count from, see scene_t [m]
-    type(expression_t), private :: expression        !! of the formula
-  contains
-    procedure :: prepare => pattern_prepare
-    procedure :: at => pattern_at
-  end type pattern_t
-
   type, public :: mechanical_condition_t
     character(len=name_length) :: surface = ''
     character(len=name_length) :: kind = ''
@@ -193,7 +174,7 @@ module dosui_scene
     !! velocity [m/s]; traction [Pa]; pressure: first component, positive into the body [Pa];
     !! reservoir: first component, level of its water [m];
     !! plate: first component, total force into the body [N, per m thickness in 2-D, per m2 in 1-D]
-    type(pattern_t) :: pattern                       !! multiplies value
+    type(scalar_function_t) :: pattern = scalar_function_t(1.0_wp)   !! multiplies value
     real(wp) :: water_weight = 0.0_wp                !! of a reservoir's water [N/m3]
     real(wp) :: datum = 0.0_wp                       !! where levels of reservoirs count from [m]
     real(wp) :: impedance(2) = 0.0_wp
@@ -208,7 +189,7 @@ module dosui_scene
     !! Acceleration of the frame that the scene is computed in: its walls and its base.
     logical :: is_given = .false.
     real(wp) :: acceleration(ndim) = 0.0_wp          !! [m/s2]
-    type(pattern_t) :: pattern                       !! multiplies it
+    type(scalar_function_t) :: pattern = scalar_function_t(1.0_wp)   !! multiplies it
     character(len=:), allocatable :: file            !! times and factors; unallocated: none
   end type base_motion_t
 
@@ -219,7 +200,7 @@ module dosui_scene
     real(wp) :: value = 0.0_wp
     !! head [m]; pressure [Pa]; outward Darcy flux [m/s]; level of a reservoir [m]; rain on a
     !! level plane [m/s]
-    type(pattern_t) :: pattern                       !! multiplies value
+    type(scalar_function_t) :: pattern = scalar_function_t(1.0_wp)   !! multiplies value
     real(wp) :: datum = 0.0_wp                       !! where heads and levels count from [m]
   contains
     procedure :: may_switch => hydraulic_condition_may_switch
@@ -227,14 +208,9 @@ module dosui_scene
     procedure :: uniform_value_at => hydraulic_condition_uniform_value_at
   end type hydraulic_condition_t
 
-  type, public :: text_t
-    character(len=:), allocatable :: text
-  end type text_t
-
   type, public :: source_t
-    !! Formulas of the coordinates [m] and t [s]; unallocated: nothing.
-    type(text_t) :: force(3)   !! body force along x, y, z beside gravity [N/m3]
-    character(len=:), allocatable :: water           !! water supplied per volume of soil [1/s]
+    type(scalar_function_t) :: force(3)   !! body force along x, y, z beside gravity [N/m3]
+    type(scalar_function_t) :: water      !! water supplied per volume of soil [1/s]
   end type source_t
 
   type, public :: probe_t
@@ -322,6 +298,7 @@ module dosui_scene
     type(output_t) :: output
     type(verification_t) :: verification
     type(region_t), allocatable :: region(:)
+    type(named_table_t), allocatable :: table(:)     !! functions for formulas
     type(material_t), allocatable :: material(:)
     type(soil_catalogue_t) :: catalogue              !! of the models that materials may have
     type(initial_state_t), allocatable :: initial_state(:)
@@ -340,30 +317,10 @@ module dosui_scene
     procedure :: mixture_density => scene_mixture_density
     procedure :: water_modulus => scene_water_modulus
     procedure :: prepare_materials => scene_prepare_materials
+    procedure :: prepare_functions => scene_prepare_functions
   end type scene_t
 
 contains
-
-  subroutine pattern_prepare(self, message)
-    !! Reads the formula.
-    class(pattern_t), intent(inout) :: self
-    character(len=:), allocatable, intent(out) :: message   !! unallocated if all is well
-
-    if (allocated(self%formula)) call self%expression%parse(self%formula, [axis_name(axis), 't'], &
-                                                            message)
-  end subroutine pattern_prepare
-
-  pure real(wp) function pattern_at(self, time, position) result(factor)
-    !! The factor on a value at a time and a place [-].
-    class(pattern_t), intent(in) :: self
-    real(wp), intent(in) :: time             !! [s]
-    real(wp), intent(in) :: position(ndim)   !! [m]
-
-    factor = self%factor%at(time)
-    if (allocated(self%formula)) then
-      factor = factor*self%expression%value([position + self%origin, time])
-    end if
-  end function pattern_at
 
   pure function scene_shape_function_in_force(self) result(name)
     !! The shape function, 'auto' resolved: particles that cross cells need a smooth one.
@@ -422,6 +379,33 @@ contains
     modulus = self%water%bulk_modulus/self%material(material)%porosity%smallest()
   end function scene_water_modulus
 
+  subroutine scene_prepare_functions(self)
+    !! Reads the formulas of conditions, base motion and sources, which have been checked.
+    class(scene_t), intent(inout) :: self
+    character(len=:), allocatable :: message   ! none
+    integer :: k
+
+    do k = 1, size(self%mechanical_condition)
+      call prepare(self%mechanical_condition(k)%pattern)
+    end do
+    do k = 1, size(self%hydraulic_condition)
+      call prepare(self%hydraulic_condition(k)%pattern)
+    end do
+    call prepare(self%base_motion%pattern)
+    do k = 1, size(self%source%force)
+      call prepare(self%source%force(k))
+    end do
+    call prepare(self%source%water)
+
+  contains
+
+    subroutine prepare(function)
+      type(scalar_function_t), intent(inout) :: function
+
+      call function%prepare([axis_name(axis), 't'], message, self%table)
+    end subroutine prepare
+  end subroutine scene_prepare_functions
+
   subroutine scene_prepare_materials(self, materials, uniform)
     !! The soils' models, ready to return stresses.
     class(scene_t), intent(in) :: self
@@ -464,6 +448,20 @@ contains
     k = self%soil%index_of(key)
     if (k > 0) call self%soil%constant(k)%set(value)
   end subroutine material_set
+
+  pure logical function material_calls(self, table) result(calls)
+    !! Does any formula of its properties call a table?
+    class(material_t), intent(in) :: self
+    character(len=*), intent(in) :: table   !! name
+    integer :: k
+
+    calls = self%solid_density%uses(table) .or. self%porosity%uses(table) .or. &
+            self%hydraulic_conductivity%uses(table)
+    if (.not. allocated(self%soil)) return
+    do k = 1, size(self%soil%constant)
+      calls = calls .or. self%soil%constant(k)%uses(table)
+    end do
+  end function material_calls
 
   pure elemental logical function material_varies(self) result(varies)
     !! Is any property a formula of place?
@@ -522,7 +520,7 @@ contains
     real(wp), intent(in) :: time             !! [s]
     real(wp), intent(in) :: position(ndim)   !! [m]
 
-    pressure = self%value(1)*self%pattern%at(time, position)
+    pressure = self%value(1)*self%pattern%at(position, time)
     if (self%kind == 'reservoir') then
       pressure = self%water_weight*max(0.0_wp, (pressure - self%datum) - position(ndim))
     end if
@@ -543,7 +541,7 @@ contains
     real(wp), intent(in) :: time             !! [s]
     real(wp), intent(in) :: position(ndim)   !! [m]
 
-    value = self%value*self%pattern%at(time, position) - self%datum
+    value = self%value*self%pattern%at(position, time) - self%datum
   end function hydraulic_condition_value_at
 
   pure real(wp) function hydraulic_condition_uniform_value_at(self, time) result(value)
@@ -553,65 +551,4 @@ contains
 
     value = self%value*self%pattern%factor%at(time) - self%datum
   end function hydraulic_condition_uniform_value_at
-
-  pure real(wp) function table_at(self, time) result(value)
-    !! Value of the table at a time; 1 for an empty table, so that it can be a factor
-    !! [unit of the quantity].
-    class(table_t), intent(in) :: self
-    real(wp), intent(in) :: time   !! [s]
-    integer :: k, n
-
-    value = 1.0_wp
-    if (.not. allocated(self%time)) return
-    n = size(self%time)
-    if (time <= self%time(1)) then
-      value = self%value(1)
-    else if (time >= self%time(n)) then
-      value = self%value(n)
-    else
-      k = last_before(self%time, time)
-      value = self%value(k) + (self%value(k + 1) - self%value(k))* &
-              (time - self%time(k))/(self%time(k + 1) - self%time(k))
-    end if
-  end function table_at
-
-  pure integer function last_before(times, time) result(k)
-    !! The last of increasing times that is not after a time between the first and the last.
-    real(wp), intent(in) :: times(:), time   !! [s]
-    integer :: above, middle
-
-    k = 1
-    above = size(times)
-    do while (above - k > 1)
-      middle = k + (above - k)/2
-      if (times(middle) <= time) then
-        k = middle
-      else
-        above = middle
-      end if
-    end do
-  end function last_before
-
-  pure real(wp) function table_integral(self, time) result(integral)
-    !! Integral of the table from 0 to a time [unit s].
-    class(table_t), intent(in) :: self
-    real(wp), intent(in) :: time   !! [s]
-    real(wp) :: left, right
-    integer :: k
-
-    if (.not. allocated(self%time)) then
-      integral = time
-      return
-    end if
-    integral = 0.0_wp
-    left = 0.0_wp
-    do k = 1, size(self%time)
-      right = min(max(self%time(k), 0.0_wp), time)
-      if (right > left) then
-        integral = integral + 0.5_wp*(right - left)*(self%at(left) + self%at(right))
-        left = right
-      end if
-    end do
-    if (time > left) integral = integral + (time - left)*self%at(time)
-  end function table_integral
 end module dosui_scene

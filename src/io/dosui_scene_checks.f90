@@ -6,10 +6,12 @@ module dosui_scene_checks
   use dosui_name_index, only: name_index_t
   use dosui_namelist, only: namelist_t
   use dosui_problems, only: problems_t
+  use dosui_scalar_function, only: scalar_function_t
   use dosui_shapes, only: shape_contains
-  use dosui_scene, only: axis_name, pattern_t, region_t, scene_t, table_t, name_length
+  use dosui_scene, only: axis_name, region_t, scene_t, name_length
   use dosui_scene_keys, only: group_size
-  use dosui_text, only: nearest_name, to_text
+  use dosui_table, only: named_table_t, table_t
+  use dosui_text, only: lower_case, nearest_name, to_text
   implicit none
   private
 
@@ -40,6 +42,7 @@ contains
     checker%problems = problems
     call check_names(checker, scene)
     call check_references(checker, scene)
+    call check_named_tables(checker, scene)
     call check_times(checker, scene)
     call check_domain(checker, scene)
     call check_period(checker, scene)
@@ -106,7 +109,13 @@ contains
     type(checker_t), intent(inout) :: checker
     type(scene_t), intent(in) :: scene
     character(len=name_length), allocatable :: names(:)
+    integer :: k
 
+    names = scene%table%name
+    do k = 1, size(names)   ! formulas do not know capitals
+      names(k) = lower_case(names(k))
+    end do
+    call check_distinct(checker, 'table', names)
     names = scene%material%name
     call check_distinct(checker, 'material', names)
     names = scene%region%name
@@ -201,48 +210,82 @@ contains
       end if
     end associate
     do k = 1, size(scene%mechanical_condition)
-      call check_pattern(checker, 'mechanical_condition', k, scene%mechanical_condition(k)%pattern)
+      call check_pattern(checker, scene, 'mechanical_condition', k, 'formula', &
+                         scene%mechanical_condition(k)%pattern)
     end do
     do k = 1, size(scene%hydraulic_condition)
-      call check_pattern(checker, 'hydraulic_condition', k, scene%hydraulic_condition(k)%pattern)
+      call check_pattern(checker, scene, 'hydraulic_condition', k, 'formula', &
+                         scene%hydraulic_condition(k)%pattern)
     end do
   end subroutine check_times
 
-  subroutine check_pattern(checker, group, instance, pattern)
+  subroutine check_pattern(checker, scene, group, instance, key, pattern)
     !! A table and a formula that can be read.
     type(checker_t), intent(inout) :: checker
+    type(scene_t), intent(in) :: scene
     character(len=*), intent(in) :: group
     integer, intent(in) :: instance
-    type(pattern_t), intent(in) :: pattern
-    type(pattern_t) :: trial
+    character(len=*), intent(in) :: key   !! of the formula
+    type(scalar_function_t), intent(in) :: pattern
+    type(scalar_function_t) :: trial
     character(len=:), allocatable :: message
 
-    call check_table(checker, group, instance, pattern%factor)
+    call check_table(checker, group, instance, 'factor_times', 'factor_values', pattern%factor)
     trial = pattern
-    call trial%prepare(message)
-    if (allocated(message)) call checker%complain(group, instance, 'formula', message)
+    call trial%prepare([axis_name(axis), 't'], message, scene%table)
+    if (allocated(message)) call checker%complain(group, instance, key, message)
   end subroutine check_pattern
 
-  subroutine check_table(checker, group, instance, table)
-    !! Both columns, of one length, with increasing times.
+  subroutine check_named_tables(checker, scene)
+    !! Names that formulas can call, and entries.
+    type(checker_t), intent(inout) :: checker
+    type(scene_t), intent(in) :: scene
+    type(expression_t) :: expression
+    character(len=:), allocatable :: message
+    integer :: k
+
+    do k = 1, size(scene%table)
+      associate (table => scene%table(k))
+        call check_table(checker, 'table', k, 'arguments', 'values', table%table_t)
+        if (.not. (allocated(table%file) .or. checker%has('table', k, 'arguments'))) then
+          call checker%complain('table', k, '', 'needs arguments and values, or a file')
+        else if (allocated(table%file) .and. checker%has('table', k, 'arguments')) then
+          call checker%complain('table', k, 'arguments', &
+                                'have no meaning beside file: leave one of them away')
+        end if
+        if (len_trim(table%name) == 0) cycle   ! missing
+        call expression%parse(trim(table%name)//'(1)', [axis_name, 't'], message, &
+                              [named_table_t(name=table%name)])
+        if (.not. (allocated(message) .or. expression%uses(table%name))) message = ''   ! sin(1)
+        if (allocated(message)) then
+          call checker%complain('table', k, 'name', 'must be a letter, then letters, digits '// &
+                                'and _, and no function or variable that formulas have already')
+        end if
+      end associate
+    end do
+  end subroutine check_named_tables
+
+  subroutine check_table(checker, group, instance, arguments, values, table)
+    !! Both columns, of one length, with increasing arguments.
     type(checker_t), intent(inout) :: checker
     character(len=*), intent(in) :: group
     integer, intent(in) :: instance
+    character(len=*), intent(in) :: arguments, values   !! keys
     type(table_t), intent(in) :: table
 
-    if (checker%has(group, instance, 'factor_times') .neqv. &
-        checker%has(group, instance, 'factor_values')) then
-      call checker%complain(group, instance, 'factor_times', &
-                            'factor_times and factor_values belong together: one is missing')
+    if (checker%has(group, instance, arguments) .neqv. checker%has(group, instance, values)) then
+      call checker%complain(group, instance, &
+                            arguments, &
+                            arguments//' and '//values//' belong together: one is missing')
     end if
-    if (allocated(table%time)) then
-      if (.not. is_increasing(table%time)) then
-        call checker%complain(group, instance, 'factor_times', 'must increase strictly')
+    if (allocated(table%argument)) then
+      if (.not. is_increasing(table%argument)) then
+        call checker%complain(group, instance, arguments, 'must increase strictly')
       end if
       if (allocated(table%value)) then
-        if (size(table%time) /= size(table%value)) then
-          call checker%complain(group, instance, 'factor_values', 'needs as many values as '// &
-                                'factor_times has ('//to_text(size(table%time))//'), has '// &
+        if (size(table%argument) /= size(table%value)) then
+          call checker%complain(group, instance, values, 'needs as many values as '//arguments// &
+                                ' has ('//to_text(size(table%argument))//'), has '// &
                                 to_text(size(table%value)))
         end if
       end if
@@ -739,7 +782,7 @@ contains
     type(scene_t), intent(in) :: scene
 
     if (checker%namelist%count('base_motion') == 0) return
-    call check_pattern(checker, 'base_motion', 1, scene%base_motion%pattern)
+    call check_pattern(checker, scene, 'base_motion', 1, 'formula', scene%base_motion%pattern)
     if (any(abs(scene%base_motion%acceleration) > 0.0_wp)) then
       if (all(scene%material%rigid)) call checker%complain('base_motion', 1, '', 'moves '// &
                                                            'nothing: all materials are rigid')
@@ -752,7 +795,7 @@ contains
       call checker%complain('mechanics', 1, 'density_scaling', 'does not go with &base_motion')
     end if
     if (allocated(scene%base_motion%file) .and. &
-        allocated(scene%base_motion%pattern%factor%time)) then
+        allocated(scene%base_motion%pattern%factor%argument)) then
       call checker%complain('base_motion', 1, 'file', 'takes the place of factor_times: '// &
                             'give one of them')
     end if
@@ -921,24 +964,18 @@ contains
     !! Formulas that can be read.
     type(checker_t), intent(inout) :: checker
     type(scene_t), intent(in) :: scene
-    type(expression_t) :: formula
-    character(len=:), allocatable :: message
     integer :: d
 
     do d = 1, ndim
-      if (.not. allocated(scene%source%force(axis(d))%text)) cycle
-      call formula%parse(scene%source%force(axis(d))%text, [axis_name(axis), 't'], message)
-      if (allocated(message)) then
-        call checker%complain('source', 1, 'force_'//axis_name(axis(d)), message)
-      end if
+      call check_pattern(checker, scene, 'source', 1, 'force_'//axis_name(axis(d)), &
+                         scene%source%force(axis(d)))
     end do
-    if (.not. allocated(scene%source%water)) return
+    if (.not. scene%source%water%varies()) return
     if (scene%water_mode == 'none') then
       call checker%complain('source', 1, 'water', &
                             'has a meaning only with water = ''coupled'' in &scene')
     end if
-    call formula%parse(scene%source%water, [axis_name(axis), 't'], message)
-    if (allocated(message)) call checker%complain('source', 1, 'water', message)
+    call check_pattern(checker, scene, 'source', 1, 'water', scene%source%water)
   end subroutine check_sources
 
   ! ---------------------------------------------------------------- output and verification

@@ -14,8 +14,9 @@ module dosui_scene_keys
   use dosui_scene, only: scene_t, region_t, material_t, water_t, mechanics_t, initial_state_t, &
                          surface_t, mechanical_condition_t, hydraulic_condition_t, probe_t, &
                          barrier_t, base_motion_t, hole_t, rigid_wall_t, &
-                         solver_t, source_t, time_t, output_t, verification_t, table_t, &
+                         solver_t, source_t, time_t, output_t, verification_t, &
                          axis_name, conductivity_range, density_range, porosity_range
+  use dosui_table, only: named_table_t, table_t
   use dosui_text, only: to_text
   implicit none
   private
@@ -62,7 +63,7 @@ contains
                                                      'probe', 'solver', 'output', 'verification']
     integer :: g
 
-    allocate (groups(20))
+    allocate (groups(21))
     groups(1) = group_t('scene', 'What is computed, and how.', .true., .false.)
     groups(2) = group_t('grid', 'The background grid and the domain. Memory and time follow '// &
                         'the particles: a large domain costs nothing. Bodies far from the '// &
@@ -70,47 +71,52 @@ contains
                         'keep their digits: coordinates may be as large as 4.5e9 spacings, '// &
                         'and bodies reach 1048568 cells from the middle of all.', .true., .false.)
     groups(3) = group_t('time', 'End of the run, output times and the time step.', .true., .false.)
-    groups(4) = group_t('material', 'A soil. Regions refer to it by its name. Values of the '// &
+    groups(4) = group_t('table', 'A function of one number, given by its values at some, for '// &
+                        'the formulas of all other groups: `name = ''flood''` makes '// &
+                        'flood(t) a function of time there, `name = ''stiffness''` '// &
+                        'stiffness(z) one of the elevation.', .false., .true.)
+    groups(5) = group_t('material', 'A soil. Regions refer to it by its name. Values of the '// &
                         'kind ''real or formula'' may be formulas of x, y, z (those of the '// &
                         'dimension) in quotes, such as ''1e6 + 2e5*(10 - z)'': every particle '// &
                         'has the value of its first place, which is a field of the results, '// &
                         'too. Steps and memory are estimated from the largest value.', &
                         .true., .true.)
-    groups(5) = group_t('water', 'The pore water and its operator; only with '// &
+    groups(6) = group_t('water', 'The pore water and its operator; only with '// &
                         '`water = ''coupled''` in &scene.', .false., .false.)
-    groups(6) = group_t('mechanics', 'How the skeleton''s motion is computed.', .false., .false.)
-    groups(7) = group_t('region', 'A shape filled with particles of one material on a regular '// &
+    groups(7) = group_t('mechanics', 'How the skeleton''s motion is computed.', .false., .false.)
+    groups(8) = group_t('region', 'A shape filled with particles of one material on a regular '// &
                         'lattice.', .true., .true.)
-    groups(8) = group_t('hole', 'A polygon that is cut out of a region. 2-D only.', .false., .true.)
-    groups(9) = group_t('initial_state', 'Pore pressure, effective stress and velocity at t = '// &
-                        '0; the last group for a region sets its pressures and stresses, '// &
-                        'what it does not name to zero. Without it everything is zero.', &
-                        .false., .true.)
-    groups(10) = group_t('surface', 'A named part of the boundary of a region, for conditions '// &
+    groups(9) = group_t('hole', 'A polygon that is cut out of a region. 2-D only.', .false., .true.)
+    groups(10) = group_t('initial_state', 'Pore pressure, effective stress and velocity at t = '// &
+                         '0; the last group for a region sets its pressures and stresses, '// &
+                         'what it does not name to zero. Without it everything is zero.', &
+                         .false., .true.)
+    groups(11) = group_t('surface', 'A named part of the boundary of a region, for conditions '// &
                          'and probes. Surfaces may overlap: the conditions of all act, loads '// &
                          'add up. Two walls, or two different hydraulic conditions, on one '// &
                          'point are an error; probes take nothing away.', .false., .true.)
-    groups(11) = group_t('mechanical_condition', 'Walls and loads on a surface. Surfaces '// &
+    groups(12) = group_t('mechanical_condition', 'Walls and loads on a surface. Surfaces '// &
                          'without one are free of traction.', .false., .true.)
-    groups(12) = group_t('hydraulic_condition', 'Head, pressure or flux on a surface. Surfaces '// &
+    groups(13) = group_t('hydraulic_condition', 'Head, pressure or flux on a surface. Surfaces '// &
                          'without one let no water through.', .false., .true.)
-    groups(13) = group_t('barrier', 'An interior surface that water does not pass, a sheet '// &
+    groups(14) = group_t('barrier', 'An interior surface that water does not pass, a sheet '// &
                          'pile say: particles do not see each other through it. It has no '// &
                          'stiffness.', .false., .true.)
-    groups(14) = group_t('rigid_wall', 'A rigid half-space outside all bodies: they may meet '// &
+    groups(15) = group_t('rigid_wall', 'A rigid half-space outside all bodies: they may meet '// &
                          'it, slide on it and leave it. Explicit and semi-implicit steps, the '// &
                          'latter with walls along axes only.', .false., .true.)
-    groups(15) = group_t('source', 'Body forces and water sources as formulas of x, y, z and t '// &
+    groups(16) = group_t('source', 'Body forces and water sources as formulas of x, y, z and t '// &
                          '(those of the dimension), with + - * / ^, pi, sin cos tan atan exp '// &
-                         'log sqrt abs sinh cosh tanh step min max.', .false., .false.)
-    groups(16) = group_t('base_motion', 'Shaking of the base: the scene is computed in a frame '// &
+                         'log sqrt abs sinh cosh tanh step min max and every &table.', &
+                         .false., .false.)
+    groups(17) = group_t('base_motion', 'Shaking of the base: the scene is computed in a frame '// &
                          'that moves with it, so displacements and velocities are relative.', &
                          .false., .false.)
-    groups(17) = group_t('probe', 'A value whose history is written to the result file.', &
+    groups(18) = group_t('probe', 'A value whose history is written to the result file.', &
                          .false., .true.)
-    groups(18) = group_t('solver', 'Linear systems of the implicit integrators.', .false., .false.)
-    groups(19) = group_t('output', 'Names and intervals of the files.', .false., .false.)
-    groups(20) = group_t('verification', 'The exact solution that `dosui-post verify` compares '// &
+    groups(19) = group_t('solver', 'Linear systems of the implicit integrators.', .false., .false.)
+    groups(20) = group_t('output', 'Names and intervals of the files.', .false., .false.)
+    groups(21) = group_t('verification', 'The exact solution that `dosui-post verify` compares '// &
                          'with.', .false., .false.)
     do g = 1, size(groups)
       groups(g)%is_free = any(free_group == groups(g)%name)
@@ -123,6 +129,8 @@ contains
     character(len=*), intent(in) :: group
 
     select case (group)
+    case ('table')
+      n = size(scene%table)
     case ('material')
       n = size(scene%material)
     case ('region')
@@ -158,6 +166,9 @@ contains
     integer, intent(in) :: n
 
     select case (group)
+    case ('table')
+      if (allocated(scene%table)) deallocate (scene%table)
+      allocate (scene%table(n))
     case ('material')
       if (allocated(scene%material)) deallocate (scene%material)
       allocate (scene%material(n))
@@ -207,6 +218,8 @@ contains
       call visit_grid(visitor, scene)
     case ('time')
       call visit_time(visitor, scene%time)
+    case ('table')
+      call visit_named_table(visitor, scene%table(instance))
     case ('material')
       call visit_material(visitor, scene%material(instance), scene%catalogue, &
                           scene%water_mode == 'none')
@@ -854,6 +867,28 @@ contains
                     applies=.not. wall%is_rough()))
   end subroutine visit_rigid_wall
 
+  subroutine visit_named_table(v, table)
+    !! Keys of &table.
+    class(key_visitor_t), intent(inout) :: v
+    type(named_table_t), intent(inout) :: table
+
+    call v%name(table%name, &
+                key('name', 'what formulas call it: a letter, then letters, digits and _', &
+                    required=.true.))
+    call v%list(table%argument, &
+                key('arguments', 'where its values are known, strictly increasing: times [s], '// &
+                    'elevations [m], or what formulas call it with', only='no file', &
+                    applies=.not. allocated(table%file)))
+    call v%list(table%value, &
+                key('values', 'of the function there: linear between, constant before the '// &
+                    'first and after the last', only='no file', &
+                    applies=.not. allocated(table%file)))
+    call v%text(table%file, &
+                key('file', 'a file with an argument and a value in each line, a path from the '// &
+                    'scene''s folder, in the place of arguments and values; # begins a '// &
+                    'comment', longest=1000, restart=restart_content))
+  end subroutine visit_named_table
+
   subroutine visit_table(v, table, only, applies)
     !! The two keys of a factor over time.
     class(key_visitor_t), intent(inout) :: v
@@ -861,7 +896,7 @@ contains
     character(len=*), intent(in) :: only
     logical, intent(in) :: applies
 
-    call v%list(table%time, &
+    call v%list(table%argument, &
                 key('factor_times', 'times of factor_values, strictly increasing', unit='s', &
                     only=only, applies=applies, restart=restart_later))
     call v%list(table%value, &
@@ -879,12 +914,12 @@ contains
     integer :: d
 
     do d = 1, 3
-      call v%text(source%force(d)%text, &
+      call v%text(source%force(d)%formula, &
                   key('force_'//axis_name(d), 'formula of the body force along '// &
                       axis_name(d)//', beside gravity', unit='N/m3', longest=1000, &
                       only=trim(scenes(d)), applies=any(axis == d)))
     end do
-    call v%text(source%water, &
+    call v%text(source%water%formula, &
                 key('water', 'formula of the water supplied per volume of soil', unit='1/s', &
                     longest=1000))
   end subroutine visit_source

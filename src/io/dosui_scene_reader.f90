@@ -7,8 +7,6 @@ module dosui_scene_reader
   use dosui_communicator, only: communicator_t
   use dosui_directories, only: absolute_path, directory_problem
   use dosui_error, only: error_t
-  use dosui_fields, only: field_name, find_fields, line_limit, most_fields, next_line, &
-                          shown_word, text_start
   use dosui_integrator_choice, only: resolve_integrator
   use dosui_key_visitor, only: choice_of, in_range, key_t, key_visitor_t, n_choice, name_length, &
                                present_choice
@@ -20,7 +18,7 @@ module dosui_scene_reader
   use dosui_problems, only: problems_t
   use dosui_property_estimates, only: estimate_properties
   use dosui_scalar_function, only: scalar_function_t
-  use dosui_scene, only: axis_name, region_t, scene_t, table_t
+  use dosui_scene, only: axis_name, base_motion_t, region_t, scene_t
   use dosui_scene_checks, only: check_body_faces, check_scene
   use dosui_scene_dimension, only: scene_dimension
   use dosui_scene_echo, only: write_echo
@@ -29,6 +27,7 @@ module dosui_scene_reader
   use dosui_scene_keys, only: group_t, scene_groups, allocate_group, visit_group, collect_keys
   use dosui_shapes, only: shape_contains, shape_measure, spatial, turned
   use dosui_stl_file, only: parse_stl
+  use dosui_table, only: named_table_t, table_t
   use dosui_text, only: lower_case, nearest_name, to_text
   implicit none
   private
@@ -46,6 +45,7 @@ module dosui_scene_reader
     character(len=name_length), allocatable :: key_names(:) !! of keys that could be given ...
     integer :: n_key_name = 0                               !! ... the first so many
     type(key_t), allocatable :: all_keys(:)                 !! of all groups, once they are needed
+    type(named_table_t), allocatable :: table(:)            !! functions of formulas
     type(problems_t) :: problems
   contains
     procedure :: real => read_real
@@ -101,9 +101,9 @@ contains
     stem = ''
     if (comm%is_root()) stem = default_name(absolute_path(path))
     call comm%broadcast(stem)
-    call parse_groups(text, path, scene, problems, namelist, stem, directory)
+    call parse_groups(text, path, scene, problems, namelist, stem, directory, comm)
     scene%base_motion%is_given = any(abs(scene%base_motion%acceleration) > 0.0_wp)
-    if (allocated(scene%base_motion%file)) call read_motion(comm, path, scene, problems)
+    if (allocated(scene%base_motion%file)) call read_motion(comm, path, scene%base_motion, problems)
     if (problems%count() == 0) call check_coordinates(scene, namelist, problems)
     call read_bodies(comm, path, scene, namelist, problems)
     call read_particles(comm, path, scene, problems)
@@ -122,30 +122,61 @@ contains
     if (.not. err%failed()) call find_warnings(scene, namelist)
   end subroutine read_scene
 
-  subroutine read_motion(comm, path, scene, problems)
-    !! The table of the base's motion from its file. Collective.
+  subroutine read_table(comm, path, table, table_file, names, message)
+    !! The entries of a table from its file. Collective.
     type(communicator_t), intent(in) :: comm
-    character(len=*), intent(in) :: path      !! of the scene, for messages
-    type(scene_t), intent(inout) :: scene
-    type(problems_t), intent(inout) :: problems
-    character(len=:), allocatable :: text, message
+    character(len=*), intent(in) :: path         !! of the scene
+    class(table_t), intent(inout) :: table
+    character(len=*), intent(in) :: table_file
+    character(len=*), intent(in) :: names(2)     !! of its columns, for messages
+    character(len=:), allocatable, intent(out) :: message   !! '' if all is well
+    character(len=:), allocatable :: text
     type(error_t) :: read_error
 
-    associate (motion => scene%base_motion)
-      message = ''
-      if (comm%is_root()) call read_text_file(beside(path, motion%file), text, &
-                                              read_error)
-      call comm%agree(read_error)
-      if (read_error%failed()) then
-        message = read_error%message
-      else
-        call comm%broadcast(text)
-        call parse_table(text, motion%pattern%factor, message)
-      end if
-      if (len(message) > 0) call problems%add(path, 0, 'base_motion', 'file', &
-                                              "'"//motion%file//"'", message)
-    end associate
+    message = ''
+    if (comm%is_root()) call read_text_file(beside(path, table_file), text, read_error)
+    call comm%agree(read_error)
+    if (read_error%failed()) then
+      message = read_error%message
+      return
+    end if
+    call comm%broadcast(text)
+    call table%parse(text, names, message)
+  end subroutine read_table
+
+  subroutine read_motion(comm, path, motion, problems)
+    !! The table of the base's motion from its file. Collective.
+    type(communicator_t), intent(in) :: comm
+    character(len=*), intent(in) :: path      !! of the scene
+    type(base_motion_t), intent(inout) :: motion
+    type(problems_t), intent(inout) :: problems
+    character(len=:), allocatable :: message
+
+    call read_table(comm, path, motion%pattern%factor, motion%file, ['time  ', 'factor'], message)
+    if (len(message) > 0) call problems%add(path, 0, 'base_motion', 'file', &
+                                            "'"//motion%file//"'", message)
   end subroutine read_motion
+
+  subroutine read_tables(comm, path, tables, namelist, problems)
+    !! Named tables from their files. Collective.
+    type(communicator_t), intent(in) :: comm
+    character(len=*), intent(in) :: path      !! of the scene
+    type(named_table_t), intent(inout) :: tables(:)
+    type(namelist_t), intent(in) :: namelist
+    type(problems_t), intent(inout) :: problems
+    character(len=:), allocatable :: message
+    integer :: k, g
+
+    do k = 1, size(tables)
+      if (.not. allocated(tables(k)%file)) cycle
+      call read_table(comm, path, tables(k), tables(k)%file, ['argument', 'value   '], message)
+      if (len(message) == 0) cycle
+      g = namelist%find('table', k)
+      associate (given => namelist%group(g)%key(namelist%group(g)%find('file')))
+        call problems%add(path, given%line, 'table', 'file', given%shown(), message)
+      end associate
+    end do
+  end subroutine read_tables
 
   subroutine read_bodies(comm, path, scene, namelist, problems)
     !! Triangulated surfaces of regions from their files, in the scene's place. Then the place of
@@ -319,65 +350,6 @@ contains
     end if
   end subroutine check_particles
 
-  subroutine parse_table(text, table, message)
-    !! Two numbers in each line, blanks or a comma between them; a '#' begins a comment.
-    character(len=*), intent(in) :: text
-    type(table_t), intent(inout) :: table
-    character(len=:), allocatable, intent(inout) :: message   !! '' if all is well
-    real(wp), allocatable :: rows(:, :)
-    integer :: start(most_fields), finish(most_fields), place, number, first, last, n, n_field
-
-    allocate (rows(2, line_limit(text)))
-    n = 0
-    number = 0
-    place = text_start(text)
-    do while (place <= len(text))
-      call next_line(text, place, number, first, last)
-      call find_fields(text(first:last), ',;', start, finish, n_field)
-      if (n_field == 0) cycle
-      if (n_field /= 2) then
-        message = 'line '//to_text(number)//': needs a time and a factor, not '// &
-                  shown_word(text(first:last))
-        return
-      end if
-      n = n + 1
-      call read_pair(text(first:last), start, finish, number, rows(:, n), message)
-      if (len(message) == 0 .and. n > 1) then
-        if (.not. rows(1, n) > rows(1, n - 1)) then
-          message = 'line '//to_text(number)//': its times must increase strictly'
-        end if
-      end if
-      if (len(message) > 0) return
-    end do
-    if (n == 0) message = 'holds no table'
-    table%time = rows(1, :n)
-    table%value = rows(2, :n)
-  end subroutine parse_table
-
-  pure subroutine read_pair(line, start, finish, number, pair, message)
-    !! A time and a factor.
-    character(len=*), intent(in) :: line
-    integer, intent(in) :: start(:), finish(:)   !! of its fields
-    integer, intent(in) :: number                !! of the line
-    real(wp), intent(inout) :: pair(2)
-    character(len=:), allocatable, intent(inout) :: message
-    character(len=6), parameter :: name(2) = ['time  ', 'factor']
-    real(wp), parameter :: largest = 1.0e15_wp
-    character(len=:), allocatable :: reason
-    integer :: k
-
-    do k = 1, 2
-      call text_as_real(line(start(k):finish(k)), pair(k), reason)
-      if (finish(k) < start(k)) reason = 'is empty'
-      if (len(reason) == 0 .and. .not. abs(pair(k)) <= largest) then
-        reason = 'must be between -1e15 and 1e15'
-      end if
-      if (len(reason) == 0) cycle
-      message = field_name(number, k, trim(name(k)), line(start(k):finish(k)))//': '//reason
-      return
-    end do
-  end subroutine read_pair
-
   subroutine parse_scene(text, file, scene, problems, stem, directory)
     !! A scene from its text; all lists of the scene but that of rigid walls are allocated in any
     !! case.
@@ -392,13 +364,15 @@ contains
     call parse_groups(text, file, scene, problems, namelist, stem, directory)
   end subroutine parse_scene
 
-  subroutine parse_groups(text, file, scene, problems, namelist, stem, directory)
-    !! As `parse_scene`; keeps what was scanned, with its lines.
+  subroutine parse_groups(text, file, scene, problems, namelist, stem, directory, comm)
+    !! As `parse_scene`; keeps what was scanned, with its lines. With a communicator collective, and
+    !! tables have the entries of their files.
     character(len=*), intent(in) :: text, file
     type(scene_t), intent(out) :: scene
     type(problems_t), intent(inout) :: problems
     type(namelist_t), intent(inout), target :: namelist
     character(len=*), intent(in), optional :: stem, directory
+    type(communicator_t), intent(in), optional :: comm
     type(group_t), allocatable :: groups(:)
     integer :: g
 
@@ -414,6 +388,9 @@ contains
     do g = 1, size(groups)
       call allocate_group(scene, groups(g)%name, namelist%count(groups(g)%name))
       call read_groups(namelist, groups(g)%name, scene, problems)
+      if (groups(g)%name == 'table' .and. present(comm)) then   ! before the formulas that call them
+        call read_tables(comm, file, scene%table, namelist, problems)
+      end if
     end do
     if (.not. allocated(scene%time%output_times)) allocate (scene%time%output_times(0))
     if (.not. allocated(scene%title)) scene%title = ''
@@ -493,6 +470,7 @@ contains
 
     reader%file = namelist%file
     reader%problems = problems
+    reader%table = scene%table
     allocate (reader%key_names(16))
     n = namelist%count(name)
     if (.not. is_repeatable(name)) n = min(n, 1)
@@ -722,7 +700,7 @@ contains
     associate (given => self%group%key(slot)%value(1))
       call text_as_real(given%text, constant, reason)
       if (given%is_quoted .and. len(reason) > 0) then
-        call value%parse(given%text, axis_name(axis), message)
+        call value%parse(given%text, axis_name(axis), message, self%table)
         if (.not. (allocated(message) .or. value%varies() .or. &
                    in_range(value%constant, key%range))) message = 'must be '//key%range
         if (allocated(message)) call self%complain(slot, given%shown(), message//unit_text(key))

@@ -8,7 +8,8 @@ module dosui_scene_record
   use dosui_checksum, only: checksum_t
   use dosui_dimension, only: ndim
   use dosui_key_visitor, only: key_t, restart_content, restart_free, restart_later, restart_same
-  use dosui_scene, only: scene_t, region_t, table_t
+  use dosui_scene, only: scene_t, region_t
+  use dosui_table, only: table_t
   use dosui_scene_echo, only: entry_t, group_entries, is_in_force
   use dosui_scene_keys, only: collect_keys, group_size, group_t, scene_groups
   use dosui_text, only: to_text
@@ -327,8 +328,8 @@ contains
     old = table_in(c%old, c%old%instance(o))
     new = table_in(c%new, c%new%instance(n))
     same = agree_at(0.0_wp) .and. agree_at(c%time)
-    if (allocated(old%time)) same = same .and. agree_at_all(old%time)
-    if (allocated(new%time)) same = same .and. agree_at_all(new%time)
+    if (allocated(old%argument)) same = same .and. agree_at_all(old%argument)
+    if (allocated(new%argument)) same = same .and. agree_at_all(new%argument)
 
   contains
 
@@ -362,10 +363,10 @@ contains
     times = line_of(record, instance, 'factor_times')
     values = line_of(record, instance, 'factor_values')
     if (times == 0 .or. values == 0) return
-    table%time = numbers(record%line(times)%value)
+    table%argument = numbers(record%line(times)%value)
     table%value = numbers(record%line(values)%value)
-    if (size(table%time) == 0 .or. size(table%time) /= size(table%value)) then
-      deallocate (table%time, table%value)
+    if (size(table%argument) == 0 .or. size(table%argument) /= size(table%value)) then
+      deallocate (table%argument, table%value)
     end if
   end function table_in
 

@@ -170,6 +170,7 @@ contains
     do g = 1, size(groups)
       call allocate_group(scene, groups(g)%name, 1)
     end do
+    call allocate_group(scene, 'table', 0)
     call allocate_group(scene, 'initial_state', 0)
     call allocate_group(scene, 'hole', 0)
     call allocate_group(scene, 'barrier', 0)

@@ -9,7 +9,8 @@ module dosui_scene_warnings
   use dosui_name_index, only: name_index_t
   use dosui_namelist, only: namelist_t
   use dosui_region_contacts, only: region_contacts_t
-  use dosui_scene, only: material_t, scene_t, table_t
+  use dosui_scene, only: material_t, scene_t
+  use dosui_table, only: table_name_length, table_t
   use dosui_scene_checks, only: checker_t
   use dosui_shapes, only: region_bounds
   use dosui_text, only: to_text, vector_text
@@ -103,17 +104,17 @@ contains
     integer :: k, turns
 
     pulsation = 0.0_wp
-    if (.not. allocated(table%time)) return
+    if (.not. allocated(table%argument)) return
     turns = 0
     before = 0.0_wp
     first = 0.0_wp
     last = 0.0_wp
-    do k = 2, size(table%time)
+    do k = 2, size(table%argument)
       change = table%value(k) - table%value(k - 1)
       if (change*before < 0.0_wp) then
         turns = turns + 1
-        if (turns == 1) first = table%time(k - 1)
-        last = table%time(k - 1)
+        if (turns == 1) first = table%argument(k - 1)
+        last = table%argument(k - 1)
       end if
       if (abs(change) > 0.0_wp) before = change
     end do
@@ -326,7 +327,7 @@ contains
   end subroutine find_geostatic
 
   subroutine warn_of_unused(checker, scene)
-    !! Materials and surfaces that nothing uses.
+    !! Materials, surfaces and tables that nothing uses.
     type(checker_t), intent(inout) :: checker
     type(scene_t), intent(in) :: scene
     type(name_index_t) :: materials, surfaces
@@ -345,7 +346,38 @@ contains
       if (surfaces%find(scene%surface(k)%name) > 0) cycle
       call checker%complain('surface', k, 'name', 'no condition or probe uses it')
     end do
+    if (size(scene%table) > 0) call warn_of_unused_tables(checker, scene)
   end subroutine warn_of_unused
+
+  subroutine warn_of_unused_tables(checker, scene)
+    !! Tables that no formula calls.
+    type(checker_t), intent(inout) :: checker
+    type(scene_t), intent(in) :: scene
+    type(scene_t) :: ready
+    character(len=table_name_length) :: name
+    logical :: is_used
+    integer :: k, c
+
+    ready = scene
+    call ready%prepare_functions()
+    do k = 1, size(scene%table)
+      name = scene%table(k)%name
+      is_used = ready%source%water%uses(name) .or. ready%base_motion%pattern%uses(name)
+      do c = 1, size(ready%source%force)
+        is_used = is_used .or. ready%source%force(c)%uses(name)
+      end do
+      do c = 1, size(ready%mechanical_condition)
+        is_used = is_used .or. ready%mechanical_condition(c)%pattern%uses(name)
+      end do
+      do c = 1, size(ready%hydraulic_condition)
+        is_used = is_used .or. ready%hydraulic_condition(c)%pattern%uses(name)
+      end do
+      do c = 1, size(ready%material)
+        is_used = is_used .or. ready%material(c)%calls(name)
+      end do
+      if (.not. is_used) call checker%complain('table', k, 'name', 'no formula calls it')
+    end do
+  end subroutine warn_of_unused_tables
 
   subroutine warn_of_bodies(checker, scene)
     !! Gaps, loads that pull, bodies thinner than two cells, and those that nothing holds.

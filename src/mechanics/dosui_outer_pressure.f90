@@ -82,7 +82,7 @@ contains
     real(wp), intent(in) :: position(ndim)   !! [m]
 
     if (condition%kind == 'traction') then
-      value = condition%pattern%at(time, position)
+      value = condition%pattern%at(position, time)
     else
       value = condition%pressure_at(time, position)
     end if

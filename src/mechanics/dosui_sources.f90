@@ -2,18 +2,17 @@
 module dosui_sources
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim, axis
-  use dosui_expression, only: expression_t
   use dosui_grid, only: grid_t
-  use dosui_scene, only: axis_name, source_t
+  use dosui_scalar_function, only: scalar_function_t
+  use dosui_scene, only: source_t
   use dosui_shape_functions, only: group_count, n_group, n_group_wide
   implicit none
   private
 
   type, public :: sources_t
     logical :: has_force = .false., has_water = .false.
-    type(expression_t) :: force(ndim)   !! body force beside gravity [N/m3]
-    type(expression_t) :: water         !! water supplied per volume of soil [1/s]
-    real(wp) :: origin(ndim) = 0.0_wp   !! where positions count from [m]
+    type(scalar_function_t) :: force(ndim)   !! body force beside gravity [N/m3]
+    type(scalar_function_t) :: water         !! water supplied per volume of soil [1/s]
   contains
     procedure :: init => sources_init
     procedure :: add_forces => sources_add_forces
@@ -22,23 +21,15 @@ module dosui_sources
 
 contains
 
-  subroutine sources_init(self, source, origin)
-    !! Takes over formulas that have been checked.
+  subroutine sources_init(self, source)
+    !! Takes over formulas that have been read.
     class(sources_t), intent(inout) :: self
     type(source_t), intent(in) :: source
-    real(wp), intent(in) :: origin(ndim)   !! where positions count from [m]
-    character(len=:), allocatable :: message
-    integer :: d
 
-    self%origin = origin
-    do d = 1, ndim
-      if (.not. allocated(source%force(axis(d))%text)) cycle
-      call self%force(d)%parse(source%force(axis(d))%text, [axis_name(axis), 't'], message)
-      self%has_force = .true.
-    end do
-    if (.not. allocated(source%water)) return
-    call self%water%parse(source%water, [axis_name(axis), 't'], message)
-    self%has_water = .true.
+    self%force = source%force(axis)
+    self%water = source%water
+    self%has_force = any(self%force%varies())
+    self%has_water = self%water%varies()
   end subroutine sources_init
 
   subroutine sources_add_forces(self, grid, n, patch, position, weight, time, force)
@@ -58,7 +49,7 @@ contains
       call grid%weigh(p, 1, patch(p:p), position(:, p:p), group_count(grid%shape_kind), share, &
                       gradient)
       do d = 1, ndim
-        density(d) = self%force(d)%value([position(:, p) + self%origin, time])
+        density(d) = self%force(d)%at(position(:, p), time)
       end do
       do i = 1, size(grid%patch_node, 1)
         node = grid%patch_node(i, patch(p))
@@ -77,7 +68,7 @@ contains
     integer :: p
 
     do p = 1, n
-      rate(p) = rate(p) + self%water%value([position(:, p) + self%origin, time])
+      rate(p) = rate(p) + self%water%at(position(:, p), time)
     end do
   end subroutine sources_add_water
 end module dosui_sources

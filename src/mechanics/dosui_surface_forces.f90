@@ -357,7 +357,7 @@ contains
     real(wp) :: traction(ndim)
 
     if (condition%kind == 'traction') then
-      traction = condition%value*condition%pattern%at(time, position)
+      traction = condition%value*condition%pattern%at(position, time)
     else
       traction = -condition%pressure_at(time, position)*normal
     end if

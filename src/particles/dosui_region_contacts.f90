@@ -7,7 +7,8 @@ module dosui_region_contacts
   use dosui_dimension, only: ndim
   use dosui_face_pieces, only: face_piece, piece_count, region_faces
   use dosui_name_index, only: name_index_t
-  use dosui_scene, only: mechanical_condition_t, scene_t, table_t
+  use dosui_scene, only: mechanical_condition_t, scene_t
+  use dosui_table, only: table_t
   use dosui_seeding, only: region_spacing
   use dosui_shapes, only: face_t, region_bounds, shape_contains
   use dosui_sort, only: sort_permutation

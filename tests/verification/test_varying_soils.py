@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from conftest import Run, Runner
@@ -78,6 +80,83 @@ def test_other_formulations(dosui: Runner, scene: str) -> None:
         text = text.replace("end_time = 1.0", "end_time = 30.0")
         text += "&mechanics damping = 'fading' /\n"
     assert settled(dosui(text)) == pytest.approx(exact_settlement(10.0), rel=1e-3)
+
+
+@pytest.mark.parametrize("in_file", [False, True])
+def test_settlement_with_a_table_of_the_stiffness(
+    dosui: Runner, tmp_path: Path, in_file: bool
+) -> None:
+    """A straight line between two entries of a table is the formula."""
+    entries = "arguments = 0, 10 values = 3e6, 1e6"
+    if in_file:
+        (tmp_path / "stiffness.csv").write_text("# z [m], E [Pa]\n0, 3e6\n10, 1e6\n")
+        entries = "file = 'stiffness.csv'"
+    text = column(
+        f"young_modulus = 'stiffness(z)' poisson_ratio = {POISSON}",
+        more=f"&table name = 'stiffness' {entries} /",
+    )
+    run = dosui(text, ranks=1 + in_file)
+    assert settled(run) == pytest.approx(exact_settlement(), rel=1e-4)
+    assert "no formula calls" not in run.stdout
+
+
+def test_one_hydrograph_for_several_conditions(dosui: Runner) -> None:
+    """A named table of time is the table of factors of each condition that calls it."""
+    times, factors = "0, 0.2, 0.7", "0, 1, 0.3"
+    conditions = """&hydraulic_condition surface = 'base' kind = 'no_flow' /
+&hydraulic_condition surface = 'top' kind = 'head' value = 12 {0} /
+&water bulk_modulus = 2e7 /
+"""
+    material = "young_modulus = 1e6 hydraulic_conductivity = 1e-2"
+    own = f"factor_times = {times} factor_values = {factors}"
+    histories = []
+    for factor, more in [
+        (own, ""),
+        ("formula = 'flood(t)'", f"&table name = 'flood' arguments = {times} values = {factors} /"),
+    ]:
+        text = column(material, more=conditions.format(factor) + more, spacing=0.5)
+        text = text.replace("water = 'none'", "water = 'coupled'")
+        text = text.replace(f"value = {LOAD}", f"value = {LOAD} {factor}")
+        run = dosui(text)
+        histories.append((run.history("column", "time"), run.history("column", "settlement")))
+    np.testing.assert_array_equal(histories[0][0], histories[1][0])  # both step onto its corners
+    np.testing.assert_allclose(histories[0][1], histories[1][1], rtol=1e-12)
+    for corner in (0.2, 0.7):
+        assert np.abs(histories[1][0] / corner - 1).min() < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("table", "reason"),
+    [
+        ("name = 'f'", "needs arguments and values, or a file"),
+        ("name = 'f' arguments = 0, 1", "belong together"),
+        ("name = 'f' arguments = 0, 0 values = 1, 2", "must increase strictly"),
+        ("name = 'f' arguments = 0, 1 values = 1", "needs as many values"),
+        ("name = 'sin' arguments = 0, 1 values = 1, 2", "no function or variable"),
+        ("name = 'z' arguments = 0, 1 values = 1, 2", "no function or variable"),
+        ("name = '2f' arguments = 0, 1 values = 1, 2", "must be a letter"),
+        ("name = 'f g' arguments = 0, 1 values = 1, 2", "must be a letter"),
+        ("name = 'f' arguments = 0, nan values = 1, 2", "number"),
+        ("name = 'f' file = 'missing.csv'", "missing.csv"),
+        ("name = 'f' file = 'scene.nml' arguments = 0 values = 1", "no meaning beside file"),
+        ("name = 'F' arguments = 0 values = 1 / &table name = 'f' file = 'f'", "taken already"),
+    ],
+)
+def test_tables_that_are_none(dosui: Runner, table: str, reason: str) -> None:
+    """Refused with the line of the group or key."""
+    text = column("young_modulus = 'f(z)'", more=f"&table {table} /")
+    run = dosui(text, "--check")
+    assert run.status == 2
+    assert reason in run.stderr, run.stderr
+    assert "&table" in run.stderr
+
+
+def test_a_table_that_nothing_calls(dosui: Runner) -> None:
+    """A warning names it."""
+    text = column("young_modulus = 1e6", more="&table name = 'f' arguments = 0, 1 values = 1, 2 /")
+    run = dosui(text, "--check")
+    assert run.status == 0, run.stderr
+    assert "no formula calls it" in run.stdout + run.stderr
 
 
 def test_far_from_the_origin(dosui: Runner) -> None:

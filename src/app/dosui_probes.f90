@@ -6,7 +6,6 @@ module dosui_probes
   use dosui_error, only: error_t
   use dosui_ghosts, only: find_ghosts
   use dosui_head_operator, only: kind_head
-  use dosui_history, only: history_t
   use dosui_index_map, only: index_map_t
   use dosui_least_squares, only: eliminate
   use dosui_model, only: model_t
@@ -22,7 +21,7 @@ module dosui_probes
   implicit none
   private
 
-  public :: check_probes, add_probe_columns, probe_value, points_in_reach
+  public :: check_probes, probe_unit, probe_value, points_in_reach
 
   real(wp), parameter :: fit_radius = 2.4_wp   !! of a point probe's fit, in particle spacings [-]
   integer, parameter :: n_fit = ndim + 1                !! unknowns of a fit
@@ -51,26 +50,20 @@ contains
     end do
   end subroutine check_probes
 
-  subroutine add_probe_columns(probes, fields, history, err)
-    !! One history column a probe.
-    type(probe_t), intent(in) :: probes(:)
+  pure function probe_unit(probe, fields) result(unit)
+    !! Unit of its history.
+    type(probe_t), intent(in) :: probe
     type(result_field_t), intent(in) :: fields(:)   !! of the scene's result
-    type(history_t), intent(inout) :: history
-    type(error_t), intent(inout) :: err
     character(len=16) :: unit
-    integer :: k, j, column
+    integer :: k
 
-    do k = 1, size(probes)
-      unit = 'm'
-      do j = 1, size(fields)
-        if (fields(j)%name == probes(k)%field .and. has_field(probes(k))) then
-          unit = fields(j)%unit
-        end if
-      end do
-      if (probes(k)%kind == 'domain_sum') unit = trim(unit)//' m3'
-      call history%add_column(trim(probes(k)%name), trim(unit), column, err)
-    end do
-  end subroutine add_probe_columns
+    unit = 'm'
+    if (has_field(probe)) then
+      k = findloc(fields%name == probe%field, .true., dim=1)
+      if (k > 0) unit = fields(k)%unit
+    end if
+    if (probe%kind == 'domain_sum') unit = trim(unit)//' m3'
+  end function probe_unit
 
   real(wp) function probe_value(model, probe) result(value)
     !! The probe's value now, the same on all ranks [unit of its field]. Collective.

@@ -1,22 +1,18 @@
 !! The files of a run: result file, histories and checkpoints.
 module dosui_run_files
   use dosui_kinds, only: wp, i8
-  use dosui_dimension, only: axis, ndim
+  use dosui_dimension, only: ndim
   use dosui_build_info, only: compiler, flags, git_hash, version
   use dosui_checkpoint, only: checkpoint_reader_t, checkpoint_writer_t
   use dosui_error, only: error_t
-  use dosui_force_balance, only: force_row
   use dosui_history, only: history_t
+  use dosui_history_quantities, only: quantities_t
   use dosui_keys, only: pack_key, unpack_key
   use dosui_model, only: model_t
-  use dosui_probes, only: add_probe_columns, probe_value
-  use dosui_reactions, only: moment_axis, n_moment
   use dosui_result_fields, only: field_values, points_in_space, result_fields
   use dosui_result_file, only: result_field_t, result_file_t, result_layout_t
   use dosui_scene_record, only: compare_records, write_record
-  use dosui_surface_renewal, only: free_area
   use dosui_text, only: to_text
-  use dosui_water_balance, only: balance_error, balance_sums, n_scale
   implicit none
   private
 
@@ -27,8 +23,6 @@ module dosui_run_files
   real(wp), parameter :: early_growth = 1.1_wp   !! of the time between their first rows [-]
   integer(i8), parameter :: many_steps = 100000_i8   !! implicit runs have no row for each after it
   integer(i8), parameter :: first_room = 16384_i8   !! rows there is room for at the start, at most
-
-  character(len=1), parameter :: axis_name(3) = ['x', 'y', 'z']
 
   type, public :: run_files_t
     !! Open files and waiting history rows of a run.
@@ -109,99 +103,17 @@ contains
   subroutine define_history(history, model, err)
     !! Columns of the histories.
     type(history_t), intent(inout) :: history
-    type(model_t), intent(in) :: model
+    type(model_t), intent(inout) :: model
     type(error_t), intent(inout) :: err
-    integer :: column, c
+    type(quantities_t) :: quantities
+    integer :: column, k
 
-    call history%add_column('time', 's', column, err)
-    call history%add_column('dt', 's', column, err)
-    call history%add_column('step', '', column, err)
-    call history%add_column('particles', '', column, err)
-    call history%add_column('mass', 'kg', column, err)
-    call history%add_column('kinetic_energy', 'J', column, err)
-    if (model%coupled) then
-      call history%add_column('water_stored', 'm3', column, err)
-      call history%add_column('water_inflow', 'm3', column, err)
-      call history%add_column('water_squeezed', 'm3', column, err)
-      call history%add_column('water_balance_error', '', column, err)
-      do c = 1, size(model%scene%hydraulic_condition)
-        call history%add_column('inflow_'//trim(model%scene%hydraulic_condition(c)%surface), &
-                                'm3', column, err)
-      end do
-      if (model%sources%has_water) call history%add_column('inflow_sources', 'm3', column, err)
-    end if
-    if (allocated(model%scene%rigid_wall)) then
-      do c = 1, ndim
-        call history%add_column('momentum_'//axis_name(axis(c)), 'kg m/s', column, err)
-      end do
-      do c = 1, ndim
-        call history%add_column('impulse_walls_'//axis_name(axis(c)), 'N s', column, err)
-      end do
-      do c = 1, ndim
-        call history%add_column('impulse_lost_'//axis_name(axis(c)), 'N s', column, err)
-      end do
-    end if
-    call define_forces(history, model, err)
-    do c = 1, size(model%scene%surface)
-      if (.not. has_area(model, c)) cycle
-      call history%add_column('area_'//trim(model%scene%surface(c)%name), 'm2', column, err)
+    call quantities%find(model, .false.)
+    do k = 1, quantities%n
+      call history%add_column(trim(quantities%column(k)%name), trim(quantities%column(k)%unit), &
+                              column, err)
     end do
-    call add_probe_columns(model%scene%probe, &
-                           result_fields(model), history, err)
   end subroutine define_history
-
-  subroutine define_forces(history, model, err)
-    !! Columns of the forces and moments of walls.
-    type(history_t), intent(inout) :: history
-    type(model_t), intent(in) :: model
-    type(error_t), intent(inout) :: err
-    character(len=16), parameter :: force_unit(3) = [character(len=16) :: 'N/m2', 'N/m', 'N']
-    character(len=16), parameter :: moment_unit(3) = [character(len=16) :: '', 'N m/m', 'N m']
-    character(len=:), allocatable :: name
-    integer :: c, column, k
-
-    do k = 1, model%reactions%n
-      name = trim(model%reactions%name(k))
-      if (k > model%reactions%n_surface) then   ! rigid walls may have a surface's name
-        if (any(model%reactions%name(:k - 1) == name)) name = name//'_'//to_text(k)
-      end if
-      do c = 1, ndim
-        call history%add_column('reaction_'//name//'_'//axis_name(axis(c)), &
-                                trim(force_unit(ndim)), column, err)
-      end do
-      do c = 1, size(moment_axis)
-        if (c > n_moment) exit
-        call history%add_column('moment_'//name//'_'//axis_name(moment_axis(c)), &
-                                trim(moment_unit(ndim)), column, err)
-      end do
-    end do
-    if (model%reactions%n > 0) call history%add_column('force_balance_error', '', column, err)
-  end subroutine define_forces
-
-  pure logical function has_area(model, surface)
-    !! Is the area of a surface among the histories?
-    type(model_t), intent(in) :: model
-    integer, intent(in) :: surface
-
-    has_area = model%finds_surface .and. model%scene%surface(surface)%face == 'free'
-  end function has_area
-
-  function momenta(model) result(sums)
-    !! Momentum of the bodies [kg m/s], then impulses that rigid walls have given them and
-    !! that were lost at almost massless nodes [N s]. Collective.
-    type(model_t), intent(in) :: model
-    real(wp) :: sums(3*ndim)
-    integer :: p
-
-    sums(:ndim) = 0.0_wp
-    sums(ndim + 1:) = [model%balance%wall_impulse, model%balance%lost_impulse]
-    associate (field => model%particles%field, h => model%p)
-      do p = 1, model%particles%count
-        sums(:ndim) = sums(:ndim) + field(h%mass)%values(1, p)*field(h%velocity)%values(:, p)
-      end do
-    end associate
-    call model%comm%sum_array(sums)
-  end function momenta
 
   pure real(wp) function next_row(self, time) result(next)
     !! When the histories get a row after a time [s]. Rows of explicit runs are dense at the start.
@@ -265,35 +177,13 @@ contains
     !! Adds a row to the histories when its time has come. Collective.
     class(run_files_t), intent(inout) :: self
     type(model_t), intent(inout) :: model
-    real(wp), allocatable :: row(:), sums(:), water(:)
-    integer :: k, p
+    type(quantities_t) :: quantities
 
     if (.not. has_row(self, model)) return
     self%next_history = next_row(self, model%clock%time)
     call tell_next_row(self, model)
-    sums = [0.0_wp, 0.0_wp, 0.0_wp]
-    associate (field => model%particles%field, h => model%p)
-      sums(1) = real(model%particles%count, wp)
-      do p = 1, model%particles%count
-        sums(2) = sums(2) + field(h%mass)%values(1, p)/model%scene%mechanics%density_scaling
-        sums(3) = sums(3) + 0.5_wp*field(h%mass)%values(1, p)* &
-                  sum(field(h%velocity)%values(:, p)**2)
-      end do
-    end associate
-    call model%comm%sum_array(sums)
-    row = [model%clock%time, model%clock%dt, real(model%clock%step, wp), sums(1:3)]
-    if (model%coupled) then
-      call balance_sums(model, water)
-      k = size(water) - n_scale - merge(0, 1, model%sources%has_water)
-      row = [row, water(1:3), balance_error(water), water(4:k)]
-    end if
-    if (allocated(model%scene%rigid_wall)) row = [row, momenta(model)]
-    row = [row, force_row(model)]
-    do k = 1, size(model%scene%surface)
-      if (has_area(model, k)) row = [row, free_area(model, k)]
-    end do
-    row = [row, (probe_value(model, model%scene%probe(k)), k=1, size(model%scene%probe))]
-    if (model%comm%is_root()) call self%history%append(row)
+    call quantities%find(model, .true.)
+    if (model%comm%is_root()) call self%history%append(quantities%value(:quantities%n))
   end subroutine run_files_sample
 
   subroutine run_files_write_step(self, model, err)

@@ -8,6 +8,7 @@ module dosui_surface_overlaps
   use dosui_scene, only: hydraulic_condition_t
   use dosui_surface_sets, only: index_of, set_holds, set_is_empty
   use dosui_text, only: to_text, vector_text
+  use dosui_wall, only: wall_t
   implicit none
   private
 
@@ -144,20 +145,20 @@ contains
       else if (a%is_load() .and. b%is_load()) then
         if (a%kind == b%kind .and. a%surface /= b%surface) kind = two_loads
       else if (a%is_load()) then
-        if (holds_against(b%kind, a%kind)) kind = idle_load
+        if (holds_against(b%wall(), a%kind)) kind = idle_load
       else
-        if (holds_against(a%kind, b%kind)) kind = idle_load
+        if (holds_against(a%wall(), b%kind)) kind = idle_load
       end if
     end associate
   end function mechanical_meeting
 
   pure logical function holds_against(wall, load)
     !! Does a wall take all of a load, so that the body never feels it?
-    character(len=*), intent(in) :: wall, load   !! kinds of conditions
+    type(wall_t), intent(in) :: wall
+    character(len=*), intent(in) :: load   !! kind of condition
 
-    holds_against = wall == 'fixed' .or. wall == 'velocity' .or. &
-                    ((wall == 'roller' .or. wall == 'normal_velocity') .and. &
-                     (load == 'pressure' .or. load == 'reservoir'))
+    holds_against = wall%holds_all .or. (.not. wall%is_plate() .and. &
+                                         (load == 'pressure' .or. load == 'reservoir'))
   end function holds_against
 
   subroutine book(model, meetings, kind, first, second, point)

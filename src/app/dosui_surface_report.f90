@@ -11,6 +11,7 @@ module dosui_surface_report
   use dosui_surface_forces, only: load_traction
   use dosui_surface_sets, only: index_of, set_holds
   use dosui_text, only: to_text, vector_text
+  use dosui_wall, only: wall_t
   implicit none
   private
 
@@ -77,6 +78,7 @@ contains
     !! How a wall or plate is imposed, and the force of a plate.
     type(model_t), intent(inout) :: model
     integer, intent(in) :: c   !! mechanical condition
+    type(wall_t) :: wall
     integer :: fitted, forced
     character(len=:), allocatable :: force
 
@@ -84,12 +86,13 @@ contains
     forced = model%comm%sum(count(model%by_force(c, :)))
     associate (condition => model%scene%mechanical_condition(c))
       force = ''
-      if (condition%kind == 'plate') force = ', total force '//to_text(condition%value(1), 6)// &
-                                             ' '//trim(unit_of_force)//variation(condition%pattern)
+      wall = condition%wall()
+      if (wall%is_plate()) force = ', total force '//to_text(condition%value(1), 6)// &
+                                   ' '//trim(unit_of_force)//variation(condition%pattern)
       call model%log%info('wall         '//trim(condition%surface)//': '//trim(condition%kind)// &
                           ' on '//trim(merge('grid nodes   ', 'penalty walls', forced == 0))// &
                           ' ('//to_text(fitted + forced)//' points)'//force)
-      if (forced > 0 .and. condition%kind /= 'fixed' .and. condition%kind /= 'velocity') then
+      if (forced > 0 .and. .not. wall%holds_all) then
         call warn_of_facets(model, condition%surface)
       end if
     end associate

@@ -14,4 +14,6 @@ module dosui_dimension
   integer, parameter, public :: voigt_slot(ndim, ndim) = &
                                 reshape([1, 4, 4, 3], [ndim, ndim])
     !! slot of tensor component (i, j) in the stress vector
+  integer, parameter, public :: n_volume = ndim   !! normal components that make volume
+  integer, parameter, public :: volume_slot(n_volume) = [1, 3]   !! their slots
 end module dosui_dimension

@@ -7,7 +7,7 @@
 !! Cells may form groups, named by their first cell, whose members take one mean together.
 module dosui_cell_average
   use dosui_kinds, only: wp
-  use dosui_dimension, only: ndim, nsig, voigt_slot
+  use dosui_dimension, only: n_volume, ndim, nsig, volume_slot
   use dosui_communicator, only: communicator_t
   use dosui_grid, only: grid_t
   implicit none
@@ -80,8 +80,8 @@ contains
         total = 0.0_wp
       end if
       trace = 0.0_wp
-      do d = 1, ndim
-        trace = trace + tensor(voigt_slot(d, d), p)
+      do d = 1, n_volume
+        trace = trace + tensor(volume_slot(d), p)
       end do
       total = total + weight(p)*trace
     end do
@@ -136,8 +136,7 @@ contains
     integer, intent(in) :: width
     real(wp), intent(inout) :: sums(width, grid%n_cell)
 
-    call grid%cell_map%scatter_add(comm, width, sums)
-    call grid%cell_map%gather(comm, width, sums)
+    call grid%cell_map%sum_copies(comm, width, sums)
   end subroutine complete_cells
 
   subroutine complete_blocks(comm, grid, width, cell_value, sums)
@@ -149,8 +148,7 @@ contains
     real(wp), intent(out) :: sums(width, grid%n_block)
 
     call block_sums(width, grid%n_cell, grid%cell_block, cell_value, grid%n_block, sums)
-    call grid%block_map%scatter_add(comm, width, sums)
-    call grid%block_map%gather(comm, width, sums)
+    call grid%block_map%sum_copies(comm, width, sums)
   end subroutine complete_blocks
 
   subroutine cell_average_set_weights(self, comm, grid, n, cell, weight, group)

@@ -483,8 +483,7 @@ contains
         end do
       end do
     end do
-    call self%node_map%scatter_add(comm, 2*ndim, occupied)
-    call self%node_map%gather(comm, 2*ndim, occupied)
+    call self%node_map%sum_copies(comm, 2*ndim, occupied)
     centre = (self%width**ndim + 1)/2
     do p = 1, self%n_patch
       do d = 1, ndim

@@ -68,8 +68,7 @@ contains
     do e = 1, self%n
       pairs(self%point(e)) = pairs(self%point(e)) + 1.0_wp
     end do
-    call point_map%scatter_add(comm, 1, pairs)
-    call point_map%gather(comm, 1, pairs)
+    call point_map%sum_copies(comm, 1, pairs)
     self%share = [(1.0_wp/pairs(self%point(e)), e=1, self%n)]
     do e = 1, self%n
       call evaluate(operator, self%particle(e), self%point(e), self%is_head(e), position, &

@@ -16,7 +16,7 @@
 !! cells (small strains) and, for the water, pores that are full.
 module dosui_cut_weight
   use dosui_kinds, only: wp
-  use dosui_dimension, only: ndim, nsig, voigt_slot
+  use dosui_dimension, only: n_volume, ndim, nsig, voigt_slot, volume_slot
   use dosui_body_weight, only: find_weight_shift
   use dosui_cell_average, only: cell_sums, cell_tensor_sums
   use dosui_initial_state, only: initial_stress_change
@@ -56,8 +56,7 @@ contains
     call add_cells(model, is_filled, forces)
     call add_walls(model, forces)
     call take_deviations(model, forces)
-    call model%grid%node_map%scatter_add(model%comm, ndim, forces)
-    call model%grid%node_map%gather(model%comm, ndim, forces)
+    call model%grid%node_map%sum_copies(model%comm, ndim, forces)
     model%shift = model%shift + forces
   end subroutine build_shift
 
@@ -154,8 +153,7 @@ contains
     call find_changes(model, at, .true., change)
     call add_water(model, at, centre, is_held, change)
     associate (field => model%surface%field, h => model%s)
-      call model%surface_forces%react(model%scene%mechanical_condition, &
-                                      field(h%area)%values(1, 1:m), &
+      call model%surface_forces%react(field(h%area)%values(1, 1:m), &
                                       field(h%normal)%values(:, 1:m), change, forces, &
                                       only=condition)
     end associate
@@ -195,8 +193,7 @@ contains
         end do
       end do
     end associate
-    call model%grid%cell_map%scatter_add(model%comm, 1 + ndim, sums)
-    call model%grid%cell_map%gather(model%comm, 1 + ndim, sums)
+    call model%grid%cell_map%sum_copies(model%comm, 1 + ndim, sums)
     is_held = sums(1, :) > 0.0_wp
     at = 0.0_wp
     do c = 1, model%grid%n_cell
@@ -248,8 +245,7 @@ contains
                        of_particle
       end do
     end do
-    call model%grid%cell_map%scatter_add(model%comm, nsig, change)
-    call model%grid%cell_map%gather(model%comm, nsig, change)
+    call model%grid%cell_map%sum_copies(model%comm, nsig, change)
   end subroutine find_changes
 
   pure subroutine add_water(model, at, centre, is_wanted, change)
@@ -268,8 +264,8 @@ contains
       if (.not. is_wanted(c)) cycle
       pressure = model%scene%water%density* &
                  dot_product(model%scene%gravity, at(:, c) - centre(:, c))
-      do a = 1, ndim
-        change(voigt_slot(a, a), c) = change(voigt_slot(a, a), c) - pressure
+      do a = 1, n_volume
+        change(volume_slot(a), c) = change(volume_slot(a), c) - pressure
       end do
     end do
   end subroutine add_water

@@ -30,7 +30,7 @@ contains
 
     allocate (is_held(ndim, model%grid%n_node), known(ndim, model%grid%n_node), &
               plate(ndim, model%grid%n_node))
-    call model%nodal_conditions%prescribe(model%scene%mechanical_condition, time, at_rest, &
+    call model%nodal_conditions%prescribe(time, at_rest, &
                                           is_held, known, plate)
   end subroutine held_components
 
@@ -108,10 +108,8 @@ contains
       call sum_over_plates(model, known, plate, m, rest, sums)
       matrix(:, k) = sums
       deallocate (sums)
-      associate (condition => model%scene%mechanical_condition( &
-                 model%nodal_conditions%plate_condition(k)))
-        left(k, 2) = left(k, 2) - condition%pattern%factor%at(time)*condition%value(1)
-      end associate
+      c = model%nodal_conditions%plate_condition(k)
+      left(k, 2) = left(k, 2) - model%nodal_conditions%wall(c)%force(time)
     end do
     if (at_rest) left(:, 1) = 0.0_wp
     do c = 1, 2

@@ -15,7 +15,7 @@
 !! sum and removes waves of two cells.
 module dosui_fluid_inertia
   use dosui_kinds, only: wp
-  use dosui_dimension, only: ndim, nsig, voigt_slot
+  use dosui_dimension, only: n_volume, ndim, nsig, volume_slot
   use dosui_cell_average, only: cell_sums
   use dosui_model, only: model_t
   use dosui_shape_functions, only: group_count, n_group, n_group_wide
@@ -49,8 +49,7 @@ contains
         end do
       end do
     end associate
-    call model%grid%node_map%scatter_add(model%comm, 3, sums)
-    call model%grid%node_map%gather(model%comm, 3, sums)
+    call model%grid%node_map%sum_copies(model%comm, 3, sums)
     do i = 1, model%grid%n_node
       if (sums(1, i) > 0.0_wp) sums(2:, i) = sums(2:, i)/sums(1, i)
     end do
@@ -117,8 +116,8 @@ contains
       allocate (strain(nsig, model%grid%n_cell), mean(model%grid%n_cell))
       call model%quadrature%strains(model%grid, model%clock%dt, push, strain)
       mean = 0.0_wp
-      do a = 1, ndim
-        mean = mean + strain(voigt_slot(a, a), :)
+      do a = 1, n_volume
+        mean = mean + strain(volume_slot(a), :)
       end do
       call smooth(model, mean)
       model%inertia_strain = mean(model%cell)
@@ -195,8 +194,7 @@ contains
                                           weight(c)*[1.0_wp, mean(c)]
         end do
       end do
-      call grid%node_map%scatter_add(model%comm, 2, sums)
-      call grid%node_map%gather(model%comm, 2, sums)
+      call grid%node_map%sum_copies(model%comm, 2, sums)
       do i = 1, grid%n_node
         if (sums(1, i) > 0.0_wp) sums(2, i) = sums(2, i)/sums(1, i)
       end do

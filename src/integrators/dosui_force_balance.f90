@@ -174,8 +174,7 @@ contains
       if (model%reactions%wall_of(c) == 0) cycle
       force = 0.0_wp
       associate (field => model%surface%field, h => model%s, m => model%surface%count)
-        call model%surface_forces%react(model%scene%mechanical_condition, &
-                                        field(h%area)%values(1, 1:m), &
+        call model%surface_forces%react(field(h%area)%values(1, 1:m), &
                                         field(h%normal)%values(:, 1:m), stress, force, only=c)
       end associate
       call model%reactions%add_nodes(model%reactions%wall_of(c), 0, place, force)
@@ -231,8 +230,7 @@ contains
         end do
       end do
     end associate
-    call model%grid%node_map%scatter_add(model%comm, 1 + ndim, moved)
-    call model%grid%node_map%gather(model%comm, 1 + ndim, moved)
+    call model%grid%node_map%sum_copies(model%comm, 1 + ndim, moved)
     do i = 1, model%grid%n_node
       if (moved(1, i) > 0.0_wp) place(:, i) = place(:, i) + moved(2:, i)/moved(1, i)
     end do
@@ -314,7 +312,7 @@ contains
     integer :: a, i
     logical :: is_held
 
-    call model%nodal_conditions%holders(model%scene%mechanical_condition, holder)
+    call model%nodal_conditions%holders(holder)
     share = flip
     if (allocated(model%node_share)) share = model%node_share
     if (model%extension%is_on) then
@@ -385,7 +383,7 @@ contains
     real(wp) :: rest(ndim)
     integer :: a, i
 
-    call model%nodal_conditions%holders(model%scene%mechanical_condition, holder)
+    call model%nodal_conditions%holders(holder)
     call add_weight(model)
     call node_places(model, place)
     do i = 1, model%grid%n_node

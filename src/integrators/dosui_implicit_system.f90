@@ -11,7 +11,7 @@
 !! new pressures add to that of the explicit forces.
 module dosui_implicit_system
   use dosui_kinds, only: wp
-  use dosui_dimension, only: ndim, nsig, voigt_slot
+  use dosui_dimension, only: n_volume, ndim, nsig, volume_slot
   use dosui_block_system, only: block_p, block_system_t, block_u
   use dosui_cell_quadrature, only: hat_gradients
   use dosui_entries, only: entries_t
@@ -185,8 +185,7 @@ contains
       end do
     end do
     call add_springs(model, touch)
-    call model%grid%node_map%scatter_add(model%comm, ndim, touch)
-    call model%grid%node_map%gather(model%comm, ndim, touch)
+    call model%grid%node_map%sum_copies(model%comm, ndim, touch)
     is_empty = .not. touch > empty_node*model%grid%spacing**(ndim - 2)
     if (model%extension%is_on) is_empty = is_empty .and. &
                                           .not. spread(model%extension%follows, 1, ndim)
@@ -204,8 +203,7 @@ contains
 
     associate (field => model%surface%field, h => model%s, m => model%surface%count)
       do e = 1, size(model%surface_forces%entry_point)
-        call model%surface_forces%spring(e, model%scene%mechanical_condition, &
-                                         field(h%area)%values(1, 1:m), &
+        call model%surface_forces%spring(e, field(h%area)%values(1, 1:m), &
                                          node, weight, spring)
         do i = 1, size(node)
           do a = 1, ndim
@@ -253,12 +251,10 @@ contains
 
     allocate (lift(width, model%grid%n_cell), source=0.0_wp)
     associate (field => model%surface%field, h => model%s, m => model%surface%count)
-      call model%surface_forces%lift_operators(model%scene%mechanical_condition, &
-                                               field(h%area)%values(1, 1:m), &
+      call model%surface_forces%lift_operators(field(h%area)%values(1, 1:m), &
                                                field(h%normal)%values(:, 1:m), lift)
     end associate
-    call model%grid%cell_map%scatter_add(model%comm, width, lift)
-    call model%grid%cell_map%gather(model%comm, width, lift)
+    call model%grid%cell_map%sum_copies(model%comm, width, lift)
     lifts = reshape(lift, [nsig, ndim*2**ndim, model%grid%n_cell])
   end subroutine find_lifts
 
@@ -315,8 +311,8 @@ contains
     integer :: a
 
     trace = 0.0_wp
-    do a = 1, ndim
-      trace = trace + strain(voigt_slot(a, a))
+    do a = 1, n_volume
+      trace = trace + strain(volume_slot(a))
     end do
   end function trace_of
 
@@ -376,9 +372,7 @@ contains
     integer :: c
     logical :: walls_move
 
-    associate (kind => model%scene%mechanical_condition%kind)
-      walls_move = any(kind == 'velocity' .or. kind == 'normal_velocity')
-    end associate
+    walls_move = any(model%nodal_conditions%wall%is_guided())
     call cell_lists(model%particles%count, model%cell, model%grid%n_cell, start, particle)
     call mean_operators(model, means)
     call hourglass_operators(model%grid%spacing, hourglass)
@@ -547,8 +541,8 @@ contains
       if (model%averaged) then
         do p = 1, size(particle)
           k = particle(p)
-          do a = 1, ndim
-            mean = mean + v0(1, k)*sigma(voigt_slot(a, a), k)/ndim
+          do a = 1, n_volume
+            mean = mean + v0(1, k)*sigma(volume_slot(a), k)/n_volume
           end do
           water = water + v0(1, k)*bearing(p)
         end do
@@ -561,9 +555,8 @@ contains
         stress = sigma(:, k)
         volume = model%weight(k)
         if (model%averaged) then
-          do a = 1, ndim
-            stress(voigt_slot(a, a)) = stress(voigt_slot(a, a)) - &
-                                       sum([(sigma(voigt_slot(i, i), k), i=1, ndim)])/ndim
+          do a = 1, n_volume
+            stress(volume_slot(a)) = stress(volume_slot(a)) - sum(sigma(volume_slot, k))/n_volume
           end do
           volume = model%own_volume(k)
         else
@@ -754,8 +747,7 @@ contains
         entry = entry + self%held_water%value(k)*self%volume*pressure(self%held_water%row(k))
       end associate
     end do
-    call model%grid%node_map%scatter_add(model%comm, ndim, force)
-    call model%grid%node_map%gather(model%comm, ndim, force)
+    call model%grid%node_map%sum_copies(model%comm, ndim, force)
   end subroutine implicit_pressure_forces
 
   subroutine add_walls(self, model, skeleton)
@@ -771,8 +763,7 @@ contains
 
     associate (field => model%surface%field, h => model%s, m => model%surface%count)
       do e = 1, size(model%surface_forces%entry_point)
-        call model%surface_forces%spring(e, model%scene%mechanical_condition, &
-                                         field(h%area)%values(1, 1:m), node, weight, spring)
+        call model%surface_forces%spring(e, field(h%area)%values(1, 1:m), node, weight, spring)
         if (size(node) == 0) cycle
         allocate (matrix(ndim*size(node), ndim*size(node)))
         do j = 1, size(node)
@@ -1096,8 +1087,7 @@ contains
         end do
       end do
     end do
-    call model%grid%node_map%scatter_add(model%comm, ndim, internal)
-    call model%grid%node_map%gather(model%comm, ndim, internal)
+    call model%grid%node_map%sum_copies(model%comm, ndim, internal)
     force = force + internal
   end subroutine implicit_internal_forces
 
@@ -1206,8 +1196,7 @@ contains
       call find_part_deviations(model, c, node, deviation, volume)
       if (size(volume) > 0) call resist(node, deviation, part_stiffness(model)*volume)
     end do
-    call model%grid%node_map%scatter_add(model%comm, ndim, internal)
-    call model%grid%node_map%gather(model%comm, ndim, internal)
+    call model%grid%node_map%sum_copies(model%comm, ndim, internal)
     force = force + internal
 
   contains
@@ -1352,8 +1341,7 @@ contains
         reaction(mod(row, ndim) + 1, row/ndim + 1) + &
         self%held%value(k)*prescribed(mod(column, ndim) + 1, column/ndim + 1)
     end do
-    call model%grid%node_map%scatter_add(model%comm, ndim, reaction)
-    call model%grid%node_map%gather(model%comm, ndim, reaction)
+    call model%grid%node_map%sum_copies(model%comm, ndim, reaction)
     load = load - reaction
     allocate (change(size(water)))
     call self%volume_change(prescribed, change)

@@ -1,7 +1,7 @@
 !! Pressures on the surfaces of bodies that move through the grid, see `dosui_outer_pressure`.
 module dosui_moving_loads
   use dosui_kinds, only: wp
-  use dosui_dimension, only: ndim, nsig, voigt_slot
+  use dosui_dimension, only: n_volume, ndim, nsig, volume_slot
   use dosui_cell_average, only: cell_sums
   use dosui_force_balance, only: book_loads
   use dosui_model, only: model_t
@@ -98,8 +98,8 @@ contains
       if (model%centred) then
         where (model%quadrature%is_ragged) mean = 0.0_wp
         allocate (stress(nsig, model%grid%n_cell), source=0.0_wp)
-        do a = 1, ndim
-          stress(voigt_slot(a, a), :) = mean
+        do a = 1, n_volume
+          stress(volume_slot(a), :) = mean
         end do
         call model%quadrature%forces(model%grid, model%average%cell_weight, stress, force)
       end if

@@ -13,7 +13,7 @@
 !! next step, when they are part of v*.
 module dosui_semi_implicit
   use dosui_kinds, only: wp, i8
-  use dosui_dimension, only: ndim, nsig, voigt_slot
+  use dosui_dimension, only: n_volume, ndim, nsig, volume_slot
   use dosui_cell_average, only: cell_sums
   use dosui_error, only: error_t
   use dosui_explicit, only: cut_share, damping_limit, fastest_particle
@@ -138,8 +138,8 @@ contains
     call cell_sums(size(pressure), model%cell, model%weight, pressure, size(mean), mean)
     call model%average%group_means(model%comm, model%grid, 1, mean)
     stress = 0.0_wp
-    do a = 1, ndim
-      stress(voigt_slot(a, a), :) = -mean
+    do a = 1, n_volume
+      stress(volume_slot(a), :) = -mean
     end do
     call book_reactions(model, stress)
   end subroutine report_lifted

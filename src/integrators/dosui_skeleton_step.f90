@@ -1,7 +1,7 @@
 !! The skeleton's part of an explicit step: particles to grid, nodal update, grid to particles.
 module dosui_skeleton_step
   use dosui_kinds, only: wp, i8
-  use dosui_dimension, only: axis, ndim, nshear, nsig, voigt_slot
+  use dosui_dimension, only: axis, n_volume, ndim, nshear, nsig, voigt_slot, volume_slot
   use dosui_cell_average, only: cell_sums, cell_tensor_sums, cell_trace_sums
   use dosui_damping, only: damp_forces, damping_at, damping_none
   use dosui_error, only: error_t
@@ -53,8 +53,7 @@ contains
     call add_surface_forces(model)
     call model%timers%stop(model%phase%to_grid)
     call model%timers%start(model%phase%halo)
-    call model%grid%node_map%scatter_add(model%comm, 1 + 2*ndim, model%nodal)
-    call model%grid%node_map%gather(model%comm, 1 + 2*ndim, model%nodal)
+    call model%grid%node_map%sum_copies(model%comm, 1 + 2*ndim, model%nodal)
     call model%timers%stop(model%phase%halo)
     call shift_weight(model)
   end subroutine gather_forces
@@ -84,8 +83,7 @@ contains
     end associate
     if (model%sources%has_force) call add_body_forces(model)
     call add_surface_forces(model)
-    call model%grid%node_map%scatter_add(model%comm, 1 + 2*ndim, model%nodal)
-    call model%grid%node_map%gather(model%comm, 1 + 2*ndim, model%nodal)
+    call model%grid%node_map%sum_copies(model%comm, 1 + 2*ndim, model%nodal)
     call shift_weight(model)
   end subroutine gather_loads
 
@@ -110,8 +108,8 @@ contains
     else
       call spread_particles(model, gravity, cell_stress=stress)
     end if
-    do a = 1, ndim
-      stress(voigt_slot(a, a), :) = stress(voigt_slot(a, a), :) - pressure
+    do a = 1, n_volume
+      stress(volume_slot(a), :) = stress(volume_slot(a), :) - pressure
     end do
     call model%quadrature%forces(model%grid, model%average%cell_weight, stress, &
                                  model%nodal(2 + ndim:, :))
@@ -124,8 +122,7 @@ contains
     end if
     if (model%reactions%is_wanted) call book_reactions(model, stress)
     associate (field => model%surface%field, h => model%s, m => model%surface%count)
-      call model%surface_forces%react(model%scene%mechanical_condition, &
-                                      field(h%area)%values(1, 1:m), &
+      call model%surface_forces%react(field(h%area)%values(1, 1:m), &
                                       field(h%normal)%values(:, 1:m), stress, &
                                       model%nodal(2 + ndim:, :))
     end associate
@@ -141,8 +138,8 @@ contains
     integer :: a, p
 
     mean = pressure
-    do a = 1, ndim
-      mean = mean - stress(voigt_slot(a, a), :)*(1.0_wp/ndim)
+    do a = 1, n_volume
+      mean = mean - stress(volume_slot(a), :)*(1.0_wp/n_volume)
     end do
     allocate (bearing(model%particles%count), source=0.0_wp)
     do p = 1, size(bearing)
@@ -165,7 +162,7 @@ contains
       call cell_trace_sums(n, model%cell, model%weight, field(h%effective_stress)%values, &
                            model%grid%n_cell, mean)
       call model%average%cell_means(model%comm, model%grid, 1, mean)
-      mean = mean/real(ndim, wp)
+      mean = mean/real(n_volume, wp)
       if (model%coupled) then
         call mean_cell_pressures(model, pressure)
         mean = mean - pressure
@@ -294,7 +291,7 @@ contains
       call advance_velocities(model%grid%n_node, model%clock%dt, light_node_mass(model), &
                               model%inertia, model%nodal, &
                               model%velocity_old, model%velocity)
-      call model%nodal_conditions%apply(model%comm, model%scene%mechanical_condition, model%grid, &
+      call model%nodal_conditions%apply(model%comm, model%grid, &
                                         model%clock%time + model%clock%dt, model%clock%dt, &
                                         max(model%nodal(1, :), model%inertia), &
                                         model%velocity_old, model%velocity)
@@ -392,7 +389,7 @@ contains
     else
       call advance_velocities(model%grid%n_node, second, light_node_mass(model), model%inertia, &
                               model%nodal, model%velocity_old, model%velocity)
-      call model%nodal_conditions%apply(model%comm, model%scene%mechanical_condition, model%grid, &
+      call model%nodal_conditions%apply(model%comm, model%grid, &
                                         model%clock%time, second, &
                                         max(model%nodal(1, :), model%inertia), &
                                         model%velocity_old, model%velocity, at_rest=.true.)
@@ -441,7 +438,7 @@ contains
     call advance_velocities(model%grid%n_node, 1.0_wp, light_node_mass(model), &
                             model%inertia, model%nodal, &
                             model%velocity_old, acceleration)
-    call model%nodal_conditions%apply(model%comm, model%scene%mechanical_condition, model%grid, &
+    call model%nodal_conditions%apply(model%comm, model%grid, &
                                       model%clock%time, 1.0_wp, &
                                       max(model%nodal(1, :), model%inertia), &
                                       model%velocity_old, acceleration, at_rest=.true.)
@@ -648,9 +645,9 @@ contains
         cycle
       end if
       model%volume_strain(p) = 0.0_wp
-      do d = 1, ndim
+      do d = 1, n_volume
         model%volume_strain(p) = model%volume_strain(p) + &
-                                 model%strain_increment(voigt_slot(d, d), p)
+                                 model%strain_increment(volume_slot(d), p)
       end do
     end do
   end subroutine find_volume_strain
@@ -668,8 +665,8 @@ contains
     allocate (shift(nsig, model%grid%n_cell), mean(nsig, model%grid%n_cell))
     call model%quadrature%strains(model%grid, model%clock%dt, model%velocity, shift)
     if (model%lifted) call lift_walls(model, shift)
-    do a = 1, ndim
-      volume_strain = volume_strain + shift(voigt_slot(a, a), :)
+    do a = 1, n_volume
+      volume_strain = volume_strain + shift(volume_slot(a), :)
     end do
     call cell_tensor_sums(model%particles%count, model%cell, model%weight, &
                           model%strain_increment, model%grid%n_cell, mean)
@@ -680,8 +677,8 @@ contains
       if (.not. model%quadrature%is_ragged(c)) cycle
       shift(:, c) = 0.0_wp
       volume_strain(c) = 0.0_wp
-      do a = 1, ndim
-        volume_strain(c) = volume_strain(c) + mean(voigt_slot(a, a), c)
+      do a = 1, n_volume
+        volume_strain(c) = volume_strain(c) + mean(volume_slot(a), c)
       end do
     end do
   end subroutine find_cell_strains
@@ -695,8 +692,7 @@ contains
 
     allocate (lift(nsig, model%grid%n_cell), source=0.0_wp)
     associate (field => model%surface%field, h => model%s, m => model%surface%count)
-      call model%surface_forces%lift(model%scene%mechanical_condition, &
-                                     model%clock%time + model%clock%dt, model%relaxing, &
+      call model%surface_forces%lift(model%clock%time + model%clock%dt, model%relaxing, &
                                      field(h%area)%values(1, 1:m), &
                                      field(h%normal)%values(:, 1:m), model%velocity, lift)
     end associate
@@ -780,8 +776,7 @@ contains
         end associate
       end do
     end do
-    call model%grid%node_map%scatter_add(model%comm, size(sums, 1), sums)
-    call model%grid%node_map%gather(model%comm, size(sums, 1), sums)
+    call model%grid%node_map%sum_copies(model%comm, size(sums, 1), sums)
   end subroutine gather_strains
 
   pure function deformation(strain, rotation) result(f)

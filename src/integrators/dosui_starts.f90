@@ -49,7 +49,7 @@ contains
       if (model%finite) then
         displacement = 0.0_wp
       else
-        call model%surface_forces%forget(model%scene%mechanical_condition, displacement(:, 1:m))
+        call model%surface_forces%forget(displacement(:, 1:m))
       end if
     end associate
     call model%log%info('geostatic equilibrium after '//to_text(n_iteration)//' iterations')

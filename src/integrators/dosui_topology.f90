@@ -444,8 +444,7 @@ contains
       if (model%surface_cell(p) == 0) cycle
       touches(1, model%grid%cell_node(:, model%surface_cell(p))) = 1.0_wp
     end do
-    call model%grid%node_map%scatter_add(model%comm, 1, touches)
-    call model%grid%node_map%gather(model%comm, 1, touches)
+    call model%grid%node_map%sum_copies(model%comm, 1, touches)
     model%surface_node = touches(1, :) > 0.5_wp
   end subroutine locate_surface
 
@@ -477,8 +476,7 @@ contains
                              model%particles%field(model%p%volume)%values, &
                              model%particles%field(model%p%effective_stress)%values, &
                              model%scene%gravity, nodal)
-      call model%grid%node_map%scatter_add(model%comm, 1 + 2*ndim, nodal)
-      call model%grid%node_map%gather(model%comm, 1 + 2*ndim, nodal)
+      call model%grid%node_map%sum_copies(model%comm, 1 + 2*ndim, nodal)
       call build_extension(model, n, patch, cell, handle)
       if (h%edge > 0) edge = reshape(field(h%edge)%values(:, 1:m), [ndim, max(ndim - 1, 1), m])
       if (h%held > 0) held = field(h%held)%values(:, 1:m)
@@ -489,7 +487,8 @@ contains
       if (model%quadrature%exact .and. .not. model%quadrature%fitted) then
         is_filled = model%quadrature%part > 0.0_wp
       end if
-      call model%surface_forces%init(model%comm, model%grid, m, model%surface_cell, &
+      call model%surface_forces%init(model%comm, model%scene%mechanical_condition, model%grid, m, &
+                                     model%surface_cell, &
                                      field(surface_handle)%values(:, 1:m), &
                                      field(h%normal)%values(:, 1:m), &
                                      field(h%area)%values(1, 1:m), nodal(1, :), model%density, &
@@ -506,7 +505,7 @@ contains
     end associate
     if (model%updated) call build_moving_loads(model, surface_handle, cell)
     model%lifted = model%centred .and. &
-                   model%comm%any(model%surface_forces%has_lifts(model%scene%mechanical_condition))
+                   model%comm%any(model%surface_forces%has_lifts())
   end subroutine build_conditions
 
   subroutine hold_nodes_of_parts(model)
@@ -568,10 +567,8 @@ contains
                              amount, none, field(h%effective_stress)%values, model%scene%gravity, &
                              nodal)
     end associate
-    call model%grid%node_map%scatter_add(model%comm, 1 + 2*ndim, nodal)
-    call model%grid%node_map%gather(model%comm, 1 + 2*ndim, nodal)
-    call model%grid%cell_map%scatter_add(model%comm, 2, cells)
-    call model%grid%cell_map%gather(model%comm, 2, cells)
+    call model%grid%node_map%sum_copies(model%comm, 1 + 2*ndim, nodal)
+    call model%grid%cell_map%sum_copies(model%comm, 2, cells)
     filling = cells(2, :)
     if (model%centred) filling = model%quadrature%part/model%grid%spacing**ndim
     allocate (wanted(model%grid%n_node), source=.false.)
@@ -639,8 +636,7 @@ contains
                              0.5_wp*model%density*model%quadrature%part(c)/2**ndim
         end do
       end do
-      call model%grid%node_map%scatter_add(model%comm, 1, inertia)
-      call model%grid%node_map%gather(model%comm, 1, inertia)
+      call model%grid%node_map%sum_copies(model%comm, 1, inertia)
     end if
     model%inertia = inertia(1, :)
   end subroutine find_least_inertia

@@ -90,8 +90,7 @@ contains
         end do
       end do
     end associate
-    call model%grid%node_map%scatter_add(model%comm, 2, sums)
-    call model%grid%node_map%gather(model%comm, 2, sums)
+    call model%grid%node_map%sum_copies(model%comm, 2, sums)
     allocate (model%node_filter_time(model%grid%n_node), source=longest)
     do i = 1, model%grid%n_node
       if (sums(1, i) > 0.0_wp) model%node_filter_time(i) = sums(2, i)/sums(1, i)

@@ -315,12 +315,9 @@ contains
     if (size(self%own_node) > 0) first = self%own_row(1, self%own_node(1))
     do slot = 1, size(plate)
       if (.not. self%plate_is_mine(slot)) cycle
-      associate (condition => &
-                 model%scene%mechanical_condition(model%nodal_conditions%plate_condition(slot)))
-        load = condition%value(1)*condition%pattern%factor%at(time)
-        if (present(without_loads)) load = merge(0.0_wp, load, without_loads)
-        rows(self%plate_row(slot) - first + 1) = plate(slot) - load
-      end associate
+      load = model%nodal_conditions%wall(model%nodal_conditions%plate_condition(slot))%force(time)
+      if (present(without_loads)) load = merge(0.0_wp, load, without_loads)
+      rows(self%plate_row(slot) - first + 1) = plate(slot) - load
     end do
   end subroutine unknowns_to_rows
 
@@ -384,24 +381,13 @@ contains
     real(wp), intent(in) :: from, to         !! [s]
     real(wp), intent(out) :: motion(:, :)    !! (ndim, n_node) [m]
     logical, intent(out) :: any_motion       !! on any rank
-    real(wp) :: way
     integer :: k
 
     motion = 0.0_wp
     associate (set => model%nodal_conditions)
       do k = 1, set%n_constraint
         if (.not. self%is_held(set%direction(k), set%node(k))) cycle
-        associate (condition => model%scene%mechanical_condition(set%condition(k)))
-          way = condition%pattern%factor%integral(to) - condition%pattern%factor%integral(from)
-          select case (condition%kind)
-          case ('velocity')
-            motion(set%direction(k), set%node(k)) = condition%value(set%direction(k))*way
-          case ('normal_velocity')
-            motion(set%direction(k), set%node(k)) = set%outward(k)*condition%value(1)*way
-          case default
-            motion(set%direction(k), set%node(k)) = 0.0_wp
-          end select
-        end associate
+        motion(set%direction(k), set%node(k)) = set%way(k, from, to)
       end do
     end associate
     any_motion = model%comm%any(any(abs(motion) > 0.0_wp))

@@ -13,6 +13,7 @@ module dosui_scene
   use dosui_scalar_function, only: scalar_function_t
   use dosui_table, only: named_table_t
   use dosui_triangles, only: triangles_t
+  use dosui_wall, only: wall_of, wall_t
   implicit none
   private
 
@@ -180,6 +181,7 @@ module dosui_scene
     real(wp) :: impedance(2) = 0.0_wp
     !! of an absorbing surface to compression and shear waves [Pa s/m]
   contains
+    procedure :: wall => mechanical_condition_wall
     procedure :: is_load => mechanical_condition_is_load
     procedure :: moves_wall => mechanical_condition_moves_wall
     procedure :: pressure_at => mechanical_condition_pressure_at
@@ -499,19 +501,31 @@ contains
     is_rough = self%kind == 'rough'
   end function rigid_wall_is_rough
 
+  pure elemental type(wall_t) function mechanical_condition_wall(self) result(wall)
+    !! The wall that it is; of a load one that holds nothing.
+    class(mechanical_condition_t), intent(in) :: self
+
+    wall = wall_of(self%kind, self%value, self%pattern%factor)
+  end function mechanical_condition_wall
+
   pure elemental logical function mechanical_condition_is_load(self) result(is_load)
     !! Is it a given load, and not a wall or plate?
     class(mechanical_condition_t), intent(in) :: self
 
-    is_load = self%kind == 'traction' .or. self%kind == 'pressure' .or. &
-              self%kind == 'reservoir' .or. self%kind == 'absorbing'
+    type(wall_t) :: wall
+
+    wall = self%wall()
+    is_load = .not. wall%holds
   end function mechanical_condition_is_load
 
   pure elemental logical function mechanical_condition_moves_wall(self) result(moves)
     !! Is it a plate or a wall that moves, and no load and no wall at rest?
     class(mechanical_condition_t), intent(in) :: self
 
-    moves = self%kind == 'plate' .or. self%kind == 'velocity' .or. self%kind == 'normal_velocity'
+    type(wall_t) :: wall
+
+    wall = self%wall()
+    moves = wall%is_plate() .or. wall%is_guided()
   end function mechanical_condition_moves_wall
 
   pure real(wp) function mechanical_condition_pressure_at(self, time, position) result(pressure)

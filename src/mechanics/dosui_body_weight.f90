@@ -65,8 +65,7 @@ contains
         if (shapes > 0.0_wp) shift = shift + by_shape(m, :)*(particles/shapes)
       end associate
     end do
-    call grid%node_map%scatter_add(comm, 1, shift)
-    call grid%node_map%gather(comm, 1, shift)
+    call grid%node_map%sum_copies(comm, 1, shift)
   end subroutine find_weight_shift
 
   subroutine add_shapes(grid, scene, quadrature, by_shape, total)

@@ -109,8 +109,7 @@ contains
       if (cell(p) > 0) number(cell(p)) = number(cell(p)) + 1.0_wp
     end do
     share = number   ! of this rank
-    call grid%cell_map%scatter_add(comm, 1, number)
-    call grid%cell_map%gather(comm, 1, number)
+    call grid%cell_map%sum_copies(comm, 1, number)
     self%has_ragged = .false.
     if (allocated(self%is_ragged)) deallocate (self%is_ragged)
     allocate (self%is_ragged(grid%n_cell), source=.false.)
@@ -135,8 +134,7 @@ contains
     ! ranks that hold a host's particles know all of its parts
     where (number > 0.5_wp) self%measure = self%measure*(share/number)
     where (.not. number > 0.5_wp) self%measure = 0.0_wp
-    call grid%cell_map%scatter_add(comm, 1, self%measure)
-    call grid%cell_map%gather(comm, 1, self%measure)
+    call grid%cell_map%sum_copies(comm, 1, self%measure)
     self%is_cut = self%measure > 0.0_wp .and. &
                   abs(self%measure/cell_volume - 1.0_wp) > fitted_tolerance
     fitted = .not. any(self%is_cut)
@@ -316,8 +314,7 @@ contains
     do p = 1, n_point
       if (cuts(p) .and. point_cell(p) > 0) sums(2, point_cell(p)) = 1.0_wp
     end do
-    call grid%cell_map%scatter_add(comm, 2 + ndim, sums)
-    call grid%cell_map%gather(comm, 2 + ndim, sums)
+    call grid%cell_map%sum_copies(comm, 2 + ndim, sums)
     self%is_cut = sums(2, :) > 0.5_wp .and. sums(1, :) > 0.5_wp
     if (allocated(self%is_ragged)) deallocate (self%is_ragged)
     allocate (self%is_ragged(grid%n_cell), source=.false.)
@@ -374,8 +371,7 @@ contains
         filling(2, node) = filling(2, node) + number(c)/2**ndim
       end do
     end do
-    call grid%node_map%scatter_add(comm, 2, filling)
-    call grid%node_map%gather(comm, 2, filling)
+    call grid%node_map%sum_copies(comm, 2, filling)
     do c = 1, grid%n_cell
       is_ragged(c) = number(c) < 0.5_wp .or. &   ! particles may enter before the next build
                      any(filling(1, grid%cell_node(:, c)) < &
@@ -433,8 +429,7 @@ contains
     allocate (sums(grid%n_cell))
     allocate (one(n), source=1.0_wp)
     call cell_sums(n, cell, volume, one, grid%n_cell, sums)
-    call grid%cell_map%scatter_add(comm, 1, sums)
-    call grid%cell_map%gather(comm, 1, sums)
+    call grid%cell_map%sum_copies(comm, 1, sums)
     full = grid%spacing**ndim
     do c = 1, grid%n_cell
       if (self%exact) exit

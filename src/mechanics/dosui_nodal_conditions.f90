@@ -12,6 +12,7 @@ module dosui_nodal_conditions
   use dosui_communicator, only: communicator_t
   use dosui_grid, only: grid_t
   use dosui_scene, only: mechanical_condition_t
+  use dosui_wall, only: wall_t
   implicit none
   private
 
@@ -29,10 +30,12 @@ module dosui_nodal_conditions
     logical, allocatable :: plate(:)           !! constraint belongs to a rigid plate
     logical, allocatable :: faces(:)           !! its surface faces the constrained direction
     integer, allocatable :: plate_condition(:) !! conditions that are plates on nodes
+    type(wall_t), allocatable :: wall(:)       !! of all conditions
   contains
     procedure :: init => nodal_conditions_init
     procedure :: apply => nodal_conditions_apply
     procedure :: prescribe => nodal_conditions_prescribe
+    procedure :: way => nodal_conditions_way
     procedure :: holders => nodal_conditions_holders
   end type nodal_conditions_t
 
@@ -75,7 +78,8 @@ contains
     allocate (self%node(0), self%direction(0), self%condition(0), self%outward(0), self%plate(0), &
               self%faces(0))
     self%n_constraint = 0
-    self%plate_condition = pack([(c, c=1, size(conditions))], conditions%kind == 'plate')
+    self%wall = conditions%wall()
+    self%plate_condition = pack([(c, c=1, size(conditions))], self%wall%is_plate())
     allocate (mark(ndim, grid%n_node), beside(ndim, grid%n_node), own(ndim, grid%n_node))
     beside = 0.0_wp
     do p = 1, n_point
@@ -83,10 +87,9 @@ contains
       if (.not. point_on_grid_plane(position(:, p), normal(:, p), grid%origin, grid%spacing)) cycle
       call mark_nodes(grid, cell(p), position(:, p), normal(:, p), 1.0_wp, beside)
     end do
-    call grid%node_map%scatter_add(comm, ndim, beside)
-    call grid%node_map%gather(comm, ndim, beside)
+    call grid%node_map%sum_copies(comm, ndim, beside)
     do c = 1, size(conditions)
-      if (conditions(c)%is_load()) cycle
+      if (.not. self%wall(c)%holds) cycle
       mark = 0.0_wp
       own = 0.0_wp
       do p = 1, n_point
@@ -94,13 +97,11 @@ contains
         call mark_nodes(grid, cell(p), position(:, p), normal(:, p), 0.5_wp, mark)
         call mark_nodes(grid, cell(p), position(:, p), normal(:, p), 1.0_wp, own)
       end do
-      call grid%node_map%scatter_add(comm, ndim, mark)
-      call grid%node_map%gather(comm, ndim, mark)
-      call grid%node_map%scatter_add(comm, ndim, own)
-      call grid%node_map%gather(comm, ndim, own)
+      call grid%node_map%sum_copies(comm, ndim, mark)
+      call grid%node_map%sum_copies(comm, ndim, own)
       where (abs(own - beside) < 0.5_wp) mark = own
       do direction = 1, ndim
-        call add_constraints(self, conditions(c), c, direction, &
+        call add_constraints(self, c, direction, &
                              pack([(k, k=1, grid%n_node)], abs(mark(direction, :)) > 0.5_wp), mark)
       end do
     end do
@@ -128,39 +129,35 @@ contains
     end do
   end subroutine mark_nodes
 
-  subroutine add_constraints(self, condition, index, direction, nodes, mark)
+  subroutine add_constraints(self, condition, direction, nodes, mark)
     !! Appends the constraints of one condition and surface direction.
     class(nodal_conditions_t), intent(inout) :: self
-    type(mechanical_condition_t), intent(in) :: condition
-    integer, intent(in) :: index, direction
+    integer, intent(in) :: condition, direction
     integer, intent(in) :: nodes(:)
     real(wp), intent(in) :: mark(:, :)
     integer :: component, k
-    logical :: all_components
 
-    all_components = condition%kind == 'fixed' .or. condition%kind == 'velocity'
     do component = 1, ndim
-      if (component /= direction .and. .not. all_components) cycle
+      if (component /= direction .and. .not. self%wall(condition)%holds_all) cycle
       self%node = [self%node, nodes]
       self%direction = [self%direction, spread(component, 1, size(nodes))]
-      self%condition = [self%condition, spread(index, 1, size(nodes))]
+      self%condition = [self%condition, spread(condition, 1, size(nodes))]
       self%outward = [self%outward, &
                       [(sign(1.0_wp, mark(direction, nodes(k))), k=1, size(nodes))]]
-      self%plate = [self%plate, spread(condition%kind == 'plate', 1, size(nodes))]
+      self%plate = [self%plate, spread(self%wall(condition)%is_plate(), 1, size(nodes))]
       self%faces = [self%faces, spread(component == direction, 1, size(nodes))]
     end do
     self%n_constraint = size(self%node)
   end subroutine add_constraints
 
-  subroutine nodal_conditions_apply(self, comm, conditions, grid, time, dt, mass, velocity_old, &
-                                    velocity, at_rest)
+  subroutine nodal_conditions_apply(self, comm, grid, time, dt, mass, velocity_old, velocity, &
+                                    at_rest)
     !! Overwrites the constrained components of the nodal velocities before and after the step.
     !!
     !! A plate's nodes share V with (sum m) dV/dt = sum f - F, all along the outward normal: the
     !! nodal velocities already hold sum f, so V = (sum m v - dt F) / sum m.
     class(nodal_conditions_t), intent(in) :: self
     type(communicator_t), intent(in) :: comm
-    type(mechanical_condition_t), intent(in) :: conditions(:)
     type(grid_t), intent(in) :: grid
     real(wp), intent(in) :: time                          !! at the end of the step [s]
     real(wp), intent(in) :: dt                            !! [s]
@@ -169,7 +166,7 @@ contains
     real(wp), intent(inout) :: velocity(ndim, grid%n_node)       !! after the step [m/s]
     logical, intent(in), optional :: at_rest      !! prescribed velocities are zero
     real(wp), allocatable :: sums(:)
-    real(wp) :: factor, prescribed
+    real(wp) :: prescribed
     integer :: k, c, slot
 
     allocate (sums(3*size(self%plate_condition)), source=0.0_wp)
@@ -185,35 +182,54 @@ contains
     if (size(sums) > 0) call comm%sum_array(sums)
     do k = 1, self%n_constraint
       c = self%condition(k)
-      factor = conditions(c)%pattern%factor%at(time)
-      select case (conditions(c)%kind)
-      case ('plate')
+      if (self%plate(k)) then
         slot = 3*(findloc(self%plate_condition, c, dim=1) - 1)
         velocity_old(self%direction(k), self%node(k)) = self%outward(k)*sums(slot + 2)/ &
                                                         sums(slot + 1)
-        prescribed = self%outward(k)*(sums(slot + 3) - dt*factor*conditions(c)%value(1))/ &
-                     sums(slot + 1)
+        prescribed = self%outward(k)*(sums(slot + 3) - dt*self%wall(c)%force(time))/sums(slot + 1)
         velocity(self%direction(k), self%node(k)) = prescribed
         cycle
-      case ('velocity')
-        prescribed = conditions(c)%value(self%direction(k))*factor
-      case ('normal_velocity')
-        prescribed = self%outward(k)*conditions(c)%value(1)*factor
-      case default
-        prescribed = 0.0_wp
-      end select
+      end if
+      prescribed = component(self%wall(c)%velocity(time, facing(self, k)), self%direction(k))
       if (present(at_rest)) prescribed = merge(0.0_wp, prescribed, at_rest)
       velocity_old(self%direction(k), self%node(k)) = prescribed
       velocity(self%direction(k), self%node(k)) = prescribed
     end do
   end subroutine nodal_conditions_apply
 
-  pure subroutine nodal_conditions_prescribe(self, conditions, time, at_rest, is_held, velocity, &
-                                             plate)
+  pure function facing(self, constraint) result(normal)
+    !! Outward normal of a wall that faces the constrained direction [-].
+    class(nodal_conditions_t), intent(in) :: self
+    integer, intent(in) :: constraint
+    real(wp) :: normal(ndim)
+
+    normal = 0.0_wp
+    normal(self%direction(constraint)) = self%outward(constraint)
+  end function facing
+
+  pure real(wp) function nodal_conditions_way(self, constraint, from, to) result(way)
+    !! Displacement of a constrained component between two times; 0 on plates [m].
+    class(nodal_conditions_t), intent(in) :: self
+    integer, intent(in) :: constraint
+    real(wp), intent(in) :: from, to   !! [s]
+
+    associate (wall => self%wall(self%condition(constraint)))
+      way = component(wall%way(from, to, facing(self, constraint)), self%direction(constraint))
+    end associate
+  end function nodal_conditions_way
+
+  pure real(wp) function component(vector, direction)
+    !! One of a vector's components [unit of the vector].
+    real(wp), intent(in) :: vector(ndim)   !! [any unit]
+    integer, intent(in) :: direction
+
+    component = vector(direction)
+  end function component
+
+  pure subroutine nodal_conditions_prescribe(self, time, at_rest, is_held, velocity, plate)
     !! The same conditions as values, for nodes that do not move by themselves. Those on plates have
     !! the sign of the plate's outward normal in place of its velocity.
     class(nodal_conditions_t), intent(in) :: self
-    type(mechanical_condition_t), intent(in) :: conditions(:)
     real(wp), intent(in) :: time              !! at the end of the step [s]
     logical, intent(in) :: at_rest            !! prescribed velocities are zero
     logical, intent(out) :: is_held(:, :)     !! (ndim, n_node)
@@ -229,28 +245,21 @@ contains
       associate (a => self%direction(k), i => self%node(k))
         is_held(a, i) = .true.
         plate(a, i) = 0
-        select case (conditions(c)%kind)
-        case ('plate')
+        velocity(a, i) = 0.0_wp
+        if (self%plate(k)) then
           plate(a, i) = findloc(self%plate_condition, c, dim=1)
           velocity(a, i) = self%outward(k)
-        case ('velocity')
-          velocity(a, i) = conditions(c)%value(a)*conditions(c)%pattern%factor%at(time)
-        case ('normal_velocity')
-          velocity(a, i) = self%outward(k)*conditions(c)%value(1)* &
-                           conditions(c)%pattern%factor%at(time)
-        case default
-          velocity(a, i) = 0.0_wp
-        end select
-        if (at_rest .and. plate(a, i) == 0) velocity(a, i) = 0.0_wp
+        else if (.not. at_rest) then
+          velocity(a, i) = component(self%wall(c)%velocity(time, facing(self, k)), a)
+        end if
       end associate
     end do
   end subroutine nodal_conditions_prescribe
 
-  pure subroutine nodal_conditions_holders(self, conditions, holder)
+  pure subroutine nodal_conditions_holders(self, holder)
     !! Which constraint takes the force on each component of the nodes. Of two at rest it is that
     !! of the surface that faces the component, else the later one, which is in force.
     class(nodal_conditions_t), intent(in) :: self
-    type(mechanical_condition_t), intent(in) :: conditions(:)
     integer, intent(out) :: holder(:, :)   !! (ndim, n_node) constraint, 0: none
     integer :: k
 
@@ -270,12 +279,7 @@ contains
       !! Does a constraint keep its component still?
       integer, intent(in) :: constraint
 
-      associate (condition => conditions(self%condition(constraint)))
-        rests = condition%kind == 'roller' .or. condition%kind == 'fixed'
-        if (condition%kind == 'velocity') then
-          rests = .not. abs(condition%value(self%direction(constraint))) > 0.0_wp
-        end if
-      end associate
+      rests = self%wall(self%condition(constraint))%rests(self%direction(constraint))
     end function rests
   end subroutine nodal_conditions_holders
 end module dosui_nodal_conditions

@@ -189,16 +189,14 @@ contains
         end if
       end do
     end do
-    call grid%node_map%scatter_add(comm, 3, around)
-    call grid%node_map%gather(comm, 3, around)
+    call grid%node_map%sum_copies(comm, 3, around)
     do c = 1, grid%n_cell
       if (.not. grid%cell_map%is_owned(c)) cycle
       if (.not. (is_occupied(c) .and. filling(c) > no_part)) cycle
       if (any(around(3, grid%cell_node(:, c)) > 0.5_wp)) cycle
       lone(1, grid%cell_node(:, c)) = lone(1, grid%cell_node(:, c)) + 1.0_wp
     end do
-    call grid%node_map%scatter_add(comm, 1, lone)
-    call grid%node_map%gather(comm, 1, lone)
+    call grid%node_map%sum_copies(comm, 1, lone)
     around(3, :) = around(3, :) + lone(1, :)
   end subroutine look_around
 
@@ -796,8 +794,7 @@ contains
         if (i == 0) cycle
         if (grid%node_map%is_owned(i)) mark(1, i) = 1.0_wp
       end do
-      call grid%node_map%scatter_add(comm, 1, mark)
-      call grid%node_map%gather(comm, 1, mark)
+      call grid%node_map%sum_copies(comm, 1, mark)
     end if
     is_used(:grid%n_node) = mark(1, :) > 0.5_wp
     self%in_strip = is_used(:grid%n_node)
@@ -845,8 +842,7 @@ contains
     integer, intent(in) :: width
     real(wp), intent(inout) :: values(width, self%n_strip)   !! [any unit]
 
-    call self%strip_map%scatter_add(comm, width, values)
-    call self%strip_map%gather(comm, width, values)
+    call self%strip_map%sum_copies(comm, width, values)
   end subroutine add_strip
 
   subroutine nodal_extension_fold(self, comm, grid, width, values, is_held)

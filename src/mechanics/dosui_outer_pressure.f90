@@ -134,8 +134,7 @@ contains
         end associate
       end do
     end do
-    call grid%node_map%scatter_add(comm, size(open_area, 1), open_area)
-    call grid%node_map%gather(comm, size(open_area, 1), open_area)
+    call grid%node_map%sum_copies(comm, size(open_area, 1), open_area)
     allocate (self%share(size(self%condition), grid%n_node), source=0.0_wp)
     do k = 1, grid%n_node
       if (open_area(1, k) > 0.0_wp) self%share(:, k) = open_area(2:, k)/open_area(1, k)
@@ -181,8 +180,7 @@ contains
     do p = 1, n
       if (particle_cell(p) > 0) weight(particle_cell(p)) = 1.0_wp
     end do
-    call grid%cell_map%scatter_add(comm, 1, weight)
-    call grid%cell_map%gather(comm, 1, weight)
+    call grid%cell_map%sum_copies(comm, 1, weight)
     weight = merge(1.0_wp, empty_share, weight > 0.5_wp)
     where (.not. grid%cell_map%is_owned) weight = 0.0_wp
   end subroutine find_conductances
@@ -256,8 +254,7 @@ contains
         end do
       end do
     end do
-    call grid%node_map%scatter_add(comm, 2, sums)
-    call grid%node_map%gather(comm, 2, sums)
+    call grid%node_map%sum_copies(comm, 2, sums)
     product = sums(1, :)
     if (present(diagonal)) diagonal = sums(2, :)
   end subroutine apply_edges
@@ -315,8 +312,7 @@ contains
         end associate
       end do
     end do
-    call grid%node_map%scatter_add(comm, ndim, mean)
-    call grid%node_map%gather(comm, ndim, mean)
+    call grid%node_map%sum_copies(comm, ndim, mean)
     nodes = pack([(i, i=1, grid%n_node)], sum(mean**2, dim=1) > 0.0_wp)
     self%wall_node = [self%wall_node, nodes]
     self%wall_normal = reshape([self%wall_normal, &

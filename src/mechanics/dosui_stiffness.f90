@@ -11,7 +11,7 @@
 !! `dosui_cell_quadrature`: the cross terms of mean and deviation vanish for a uniform D).
 module dosui_stiffness
   use dosui_kinds, only: wp
-  use dosui_dimension, only: ndim, nsig, voigt_slot
+  use dosui_dimension, only: n_volume, ndim, nsig, voigt_slot, volume_slot
   use dosui_cell_quadrature, only: hat_gradients
   use dosui_grid, only: grid_t
   use dosui_shape_functions, only: group_count, n_group, n_group_wide, patch_weights
@@ -258,8 +258,8 @@ contains
     integer :: a
 
     trace = 0.0_wp
-    do a = 1, ndim
-      trace = trace + strain(voigt_slot(a, a), :)
+    do a = 1, n_volume
+      trace = trace + strain(volume_slot(a), :)
     end do
   end function trace_of
 
@@ -269,8 +269,8 @@ contains
     real(wp), intent(inout) :: strain(:, :)   !! (nsig, columns)
     integer :: a
 
-    do a = 1, ndim
-      strain(voigt_slot(a, a), :) = strain(voigt_slot(a, a), :) + change*(1.0_wp/ndim)
+    do a = 1, n_volume
+      strain(volume_slot(a), :) = strain(volume_slot(a), :) + change*(1.0_wp/n_volume)
     end do
   end subroutine add_trace
 

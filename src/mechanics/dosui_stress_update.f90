@@ -1,7 +1,7 @@
 !! Stresses, volumes and porosities after a step.
 module dosui_stress_update
   use dosui_kinds, only: wp
-  use dosui_dimension, only: ndim, nsig, nshear, axis, voigt_slot
+  use dosui_dimension, only: axis, n_volume, ndim, nshear, nsig, voigt_slot, volume_slot
   use dosui_error, only: error_t
   use dosui_materials, only: material_set_t
   implicit none
@@ -96,11 +96,11 @@ contains
 
     do p = 1, m
       change = cell_volume_strain(cell(p))
-      do a = 1, ndim
-        change = change - strain(voigt_slot(a, a), p)
+      do a = 1, n_volume
+        change = change - strain(volume_slot(a), p)
       end do
-      do a = 1, ndim
-        strain(voigt_slot(a, a), p) = strain(voigt_slot(a, a), p) + change*(1.0_wp/ndim)
+      do a = 1, n_volume
+        strain(volume_slot(a), p) = strain(volume_slot(a), p) + change*(1.0_wp/n_volume)
       end do
     end do
   end subroutine replace_volume_strain
@@ -169,8 +169,8 @@ contains
       if (present(cell_volume_strain)) then
         ratio = ratio + cell_volume_strain(cell(p))
       else
-        do a = 1, ndim
-          ratio = ratio + strain_increment(voigt_slot(a, a), p)
+        do a = 1, n_volume
+          ratio = ratio + strain_increment(volume_slot(a), p)
         end do
       end if
       grains = merge(1.0_wp - porosity(p), 0.0_wp, is_wet)

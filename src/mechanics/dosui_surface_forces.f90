@@ -19,6 +19,7 @@ module dosui_surface_forces
   use dosui_shape_functions, only: corner_hats
   use dosui_scene, only: mechanical_condition_t
   use dosui_sort, only: binary_search
+  use dosui_wall, only: wall_t
   implicit none
   private
 
@@ -36,6 +37,7 @@ module dosui_surface_forces
     real(wp), allocatable :: weight(:, :, :)   !! likewise: share of each node, in all 1 a point [-]
     integer, allocatable :: entry_point(:)     !! surface point of each entry
     integer, allocatable :: entry_condition(:) !! mechanical condition of each entry
+    type(wall_t), allocatable :: wall(:)       !! of all conditions
     real(wp), allocatable :: held(:, :)        !! (ndim, n_point) normals that walls hold [-]
     real(wp) :: stiffness = 0.0_wp             !! kappa of penalty walls [Pa/m]
     real(wp) :: damping = 0.0_wp               !! dashpot of penalty walls [Pa s/m]
@@ -56,8 +58,9 @@ module dosui_surface_forces
 
 contains
 
-  subroutine surface_forces_init(self, comm, grid, n_point, cell, position, normal, area, mass, &
-                                 density, modulus, penalty, handled, is_filled, held, edge)
+  subroutine surface_forces_init(self, comm, conditions, grid, n_point, cell, position, normal, &
+                                 area, mass, density, modulus, penalty, handled, is_filled, &
+                                 held, edge)
     !! Computes the weights of all surface points from the nodal masses at hand. Collective.
     !!
     !! With `is_filled` a point stands for parts of its piece of surface, one in each cell that the
@@ -65,6 +68,7 @@ contains
     !! then fits the integrals over cut cells.
     class(surface_forces_t), intent(inout) :: self
     type(communicator_t), intent(in) :: comm
+    type(mechanical_condition_t), intent(in) :: conditions(:)
     type(grid_t), intent(inout) :: grid
     integer, intent(in) :: n_point
     integer, intent(in) :: cell(n_point)              !! cell of each surface point, 0: none
@@ -86,6 +90,7 @@ contains
     logical, allocatable :: usable(:)
     integer :: p, c, k
 
+    self%wall = conditions%wall()
     self%n_point = n_point
     self%n_part = 1
     self%held = normal
@@ -112,8 +117,7 @@ contains
       self%weight(:, 1, p) = hat_weights(position(:, p), grid, cell(p))
       served(1, self%node(:, 1, p)) = served(1, self%node(:, 1, p)) + self%weight(:, 1, p)*area(p)
     end do
-    call grid%node_map%scatter_add(comm, 1, served)
-    call grid%node_map%gather(comm, 1, served)
+    call grid%node_map%sum_copies(comm, 1, served)
 
     usable = mass >= light_node*density*grid%spacing*served(1, :) .and. mass > 0.0_wp
     do p = 1, n_point
@@ -226,16 +230,19 @@ contains
     integer :: e, p, c, k
 
     allocate (plate_displacement(size(conditions)))
-    call solve_plates(self, comm, conditions, time, area, displacement, plate_displacement)
+    call solve_plates(self, comm, time, area, displacement, plate_displacement)
     do e = 1, size(self%entry_point)
       p = self%entry_point(e)
       c = self%entry_condition(e)
       if (present(only)) then
         if (c /= only) cycle
       end if
-      traction = point_traction(conditions(c), time, position(:, p), normal(:, p), &
-                                self%held(:, p), displacement(:, p), velocity(:, p), &
-                                self%stiffness, self%damping, plate_displacement(c))
+      if (self%wall(c)%holds) then
+        traction = wall_traction(self, self%wall(c), time, self%held(:, p), displacement(:, p), &
+                                 velocity(:, p), plate_displacement(c))
+      else
+        traction = load_traction(conditions(c), time, position(:, p), normal(:, p), velocity(:, p))
+      end if
       do k = 1, self%n_part
         call spread_load(self, k, p, area(p)*traction, force)
       end do
@@ -307,122 +314,102 @@ contains
     end do
   end function part_velocity
 
-  pure function point_traction(condition, time, position, normal, held, displacement, velocity, &
-                               stiffness, damping, plate_displacement) result(traction)
-    !! Traction of one condition on the body at a surface point [Pa].
-    type(mechanical_condition_t), intent(in) :: condition
-    real(wp), intent(in) :: time                                   !! [s]
-    real(wp), intent(in) :: position(ndim)                         !! of the point [m]
-    real(wp), intent(in) :: normal(ndim), held(ndim)               !! outward, of walls [-]
-    real(wp), intent(in) :: displacement(ndim), velocity(ndim)     !! of the point [m], [m/s]
-    real(wp), intent(in) :: stiffness, damping                     !! of a wall [Pa/m], [Pa s/m]
-    real(wp), intent(in) :: plate_displacement                     !! along the normal [m]
+  pure function wall_traction(self, wall, time, normal, displacement, velocity, &
+                              plate_displacement) result(traction)
+    !! Traction of a wall's spring and dashpot on the body at a surface point [Pa].
+    class(surface_forces_t), intent(in) :: self
+    type(wall_t), intent(in) :: wall
+    real(wp), intent(in) :: time                                 !! [s]
+    real(wp), intent(in) :: normal(ndim)                         !! that the wall holds [-]
+    real(wp), intent(in) :: displacement(ndim), velocity(ndim)   !! of the point [m], [m/s]
+    real(wp), intent(in) :: plate_displacement                   !! along the normal [m]
     real(wp) :: traction(ndim)
-    real(wp) :: wall_displacement, wall_velocity
 
-    select case (condition%kind)
-    case ('traction', 'pressure', 'reservoir')
-      traction = load_traction(condition, time, position, normal)
-    case ('absorbing')
-      traction = -condition%impedance(2)*velocity - &
-                 (condition%impedance(1) - condition%impedance(2))*dot_product(velocity, normal)* &
-                 normal
-    case ('fixed')
-      traction = -stiffness*displacement - damping*velocity
-    case ('velocity')
-      traction = stiffness*(condition%value*condition%pattern%factor%integral(time) - &
-                            displacement) + &
-                 damping*(condition%value*condition%pattern%factor%at(time) - velocity)
-    case default   ! roller, normal_velocity, plate: along the normal only
-      wall_displacement = 0.0_wp
-      wall_velocity = 0.0_wp
-      if (condition%kind == 'normal_velocity') then
-        wall_displacement = condition%value(1)*condition%pattern%factor%integral(time)
-        wall_velocity = condition%value(1)*condition%pattern%factor%at(time)
-      else if (condition%kind == 'plate') then
-        wall_displacement = plate_displacement
-        wall_velocity = dot_product(velocity, held)
-      end if
-      traction = (stiffness*(wall_displacement - dot_product(displacement, held)) + &
-                  damping*(wall_velocity - dot_product(velocity, held)))*held
-    end select
-  end function point_traction
+    if (wall%is_plate()) then
+      traction = self%stiffness*(plate_displacement - dot_product(displacement, normal))*normal
+    else
+      traction = self%stiffness*wall%held(wall%way(0.0_wp, time, normal) - displacement, normal) + &
+                 self%damping*wall%held(wall%velocity(time, normal) - velocity, normal)
+    end if
+  end function wall_traction
 
-  pure function load_traction(condition, time, position, normal) result(traction)
-    !! Traction that a given load puts on the body at a surface point [Pa].
-    type(mechanical_condition_t), intent(in) :: condition   !! traction, pressure or reservoir
+  pure function load_traction(condition, time, position, normal, velocity) result(traction)
+    !! Traction that a given load puts on the body at a surface point, and what absorbs waves [Pa].
+    type(mechanical_condition_t), intent(in) :: condition   !! no wall
     real(wp), intent(in) :: time             !! [s]
     real(wp), intent(in) :: position(ndim)   !! of the point [m]
     real(wp), intent(in) :: normal(ndim)     !! outward [-]
+    real(wp), intent(in), optional :: velocity(ndim)   !! of the point; absent: at rest [m/s]
     real(wp) :: traction(ndim)
 
-    if (condition%kind == 'traction') then
+    select case (condition%kind)
+    case ('traction')
       traction = condition%value*condition%pattern%at(position, time)
-    else
+    case ('absorbing')
+      traction = 0.0_wp
+      if (present(velocity)) traction = &
+        -condition%impedance(2)*velocity - &
+        (condition%impedance(1) - condition%impedance(2))*dot_product(velocity, normal)*normal
+    case default   ! pressure, reservoir
       traction = -condition%pressure_at(time, position)*normal
-    end if
+    end select
   end function load_traction
 
-  subroutine solve_plates(self, comm, conditions, time, area, displacement, plate_displacement)
+  subroutine solve_plates(self, comm, time, area, displacement, plate_displacement)
     !! Normal displacement U of each penalty plate from sum kappa a (U - u_n) = -F [m].
     class(surface_forces_t), intent(in) :: self
     type(communicator_t), intent(in) :: comm
-    type(mechanical_condition_t), intent(in) :: conditions(:)
     real(wp), intent(in) :: time                               !! [s]
     real(wp), intent(in) :: area(self%n_point)                 !! [m2]
     real(wp), intent(in) :: displacement(ndim, self%n_point)   !! [m]
-    real(wp), intent(out) :: plate_displacement(size(conditions))
-    real(wp) :: sums(2*size(conditions))
+    real(wp), intent(out) :: plate_displacement(size(self%wall))
+    real(wp) :: sums(2*size(self%wall))
     integer :: e, p, c
 
     plate_displacement = 0.0_wp
-    if (.not. any(conditions%kind == 'plate')) return
+    if (.not. any(self%wall%is_plate())) return
     sums = 0.0_wp
     do e = 1, size(self%entry_point)
       p = self%entry_point(e)
       c = self%entry_condition(e)
-      if (conditions(c)%kind /= 'plate') cycle
+      if (.not. self%wall(c)%is_plate()) cycle
       sums(2*c - 1) = sums(2*c - 1) + self%stiffness*area(p)
       sums(2*c) = sums(2*c) + self%stiffness*area(p)* &
                   dot_product(displacement(:, p), self%held(:, p))
     end do
     call comm%sum_array(sums)
-    do c = 1, size(conditions)
+    do c = 1, size(self%wall)
       if (.not. sums(2*c - 1) > 0.0_wp) cycle
-      plate_displacement(c) = (sums(2*c) - conditions(c)%value(1)* &
-                               conditions(c)%pattern%factor%at(time))/sums(2*c - 1)
+      plate_displacement(c) = (sums(2*c) - self%wall(c)%force(time))/sums(2*c - 1)
     end do
   end subroutine solve_plates
 
-  pure logical function is_lifted(kind)
+  pure logical function is_lifted(self, condition)
     !! Walls whose motion is known: all but plates.
-    character(len=*), intent(in) :: kind
+    class(surface_forces_t), intent(in) :: self
+    integer, intent(in) :: condition
 
-    is_lifted = kind == 'roller' .or. kind == 'fixed' .or. kind == 'velocity' .or. &
-                kind == 'normal_velocity'
+    is_lifted = self%wall(condition)%holds .and. .not. self%wall(condition)%is_plate()
   end function is_lifted
 
-  pure logical function surface_forces_has_lifts(self, conditions) result(has)
+  pure logical function surface_forces_has_lifts(self) result(has)
     !! Are there penalty walls that `lift` sees on this rank?
     class(surface_forces_t), intent(in) :: self
-    type(mechanical_condition_t), intent(in) :: conditions(:)
     integer :: e
 
     has = .false.
     do e = 1, size(self%entry_point)
-      if (is_lifted(conditions(self%entry_condition(e))%kind)) has = .true.
+      if (is_lifted(self, self%entry_condition(e))) has = .true.
     end do
   end function surface_forces_has_lifts
 
-  pure subroutine surface_forces_lift(self, conditions, time, at_rest, area, normal, &
-                                      nodal_velocity, lift)
+  pure subroutine surface_forces_lift(self, time, at_rest, area, normal, nodal_velocity, lift)
     !! Takes the motion relative to penalty walls out of the cells' strains: adds
     !! - sum a sym((v - v_wall) x n), to be divided by the cell's measure [m3/s]. The penalty then
     !! only has to keep the wall in place; the wall's reaction is that of the stress (`react`, the
     !! adjoint), which makes the condition consistent (Nitsche's method in the lifted form of
     !! [Brezzi2000]).
     class(surface_forces_t), intent(in) :: self
-    type(mechanical_condition_t), intent(in) :: conditions(:)
     real(wp), intent(in) :: time                               !! [s]
     logical, intent(in) :: at_rest                             !! walls do not move
     real(wp), intent(in) :: area(self%n_point)                 !! [m2]
@@ -435,16 +422,14 @@ contains
     do e = 1, size(self%entry_point)
       p = self%entry_point(e)
       c = self%entry_condition(e)
-      if (.not. is_lifted(conditions(c)%kind)) cycle
+      if (.not. is_lifted(self, c)) cycle
       do k = 1, self%n_part
         cell = self%cell(k, p)
         if (cell == 0) cycle
         slip = part_velocity(self, k, p, nodal_velocity)
-        if (.not. at_rest) slip = slip - wall_velocity(conditions(c), time, self%held(:, p))* &
+        if (.not. at_rest) slip = slip - self%wall(c)%velocity(time, self%held(:, p))* &
                                   sum(self%weight(:, k, p))
-        if (conditions(c)%kind == 'roller' .or. conditions(c)%kind == 'normal_velocity') then
-          slip = dot_product(slip, self%held(:, p))*self%held(:, p)
-        end if
+        slip = self%wall(c)%held(slip, self%held(:, p))
         do b = 1, ndim
           do a = 1, ndim
             lift(voigt_slot(a, b), cell) = lift(voigt_slot(a, b), cell) - &
@@ -455,11 +440,10 @@ contains
     end do
   end subroutine surface_forces_lift
 
-  pure subroutine surface_forces_lift_operators(self, conditions, area, normal, lift)
+  pure subroutine surface_forces_lift_operators(self, area, normal, lift)
     !! The matrices of `lift`: adds what they make of the displacements of a cell's corners, corner
     !! by corner, to be divided by the cell's measure [m2].
     class(surface_forces_t), intent(in) :: self
-    type(mechanical_condition_t), intent(in) :: conditions(:)
     real(wp), intent(in) :: area(self%n_point)             !! [m2]
     real(wp), intent(in) :: normal(ndim, self%n_point)     !! outward [-]
     real(wp), intent(inout) :: lift(:, :)                  !! (nsig*ndim*2**ndim, n_cell) [m2]
@@ -469,7 +453,7 @@ contains
     do e = 1, size(self%entry_point)
       p = self%entry_point(e)
       c = self%entry_condition(e)
-      if (.not. is_lifted(conditions(c)%kind)) cycle
+      if (.not. is_lifted(self, c)) cycle
       do k = 1, self%n_part
         cell = self%cell(k, p)
         if (cell == 0) cycle
@@ -477,9 +461,7 @@ contains
           do d = 1, ndim
             slip = 0.0_wp
             slip(d) = self%weight(i, k, p)
-            if (conditions(c)%kind == 'roller' .or. conditions(c)%kind == 'normal_velocity') then
-              slip = slip(d)*self%held(d, p)*self%held(:, p)
-            end if
+            slip = self%wall(c)%held(slip, self%held(:, p))
             do b = 1, ndim
               do a = 1, ndim
                 place = nsig*(ndim*(i - 1) + d - 1) + voigt_slot(a, b)
@@ -492,24 +474,22 @@ contains
     end do
   end subroutine surface_forces_lift_operators
 
-  subroutine surface_forces_spring(self, entry, conditions, area, node, weight, spring)
+  subroutine surface_forces_spring(self, entry, area, node, weight, spring)
     !! The spring of one entry: force on node i per displacement of node j is
     !! - weight(i)*weight(j)*spring. No nodes for entries that are loads.
     class(surface_forces_t), intent(in) :: self
     integer, intent(in) :: entry
-    type(mechanical_condition_t), intent(in) :: conditions(:)
     real(wp), intent(in) :: area(self%n_point)              !! [m2]
     integer, allocatable, intent(out) :: node(:)
     real(wp), allocatable, intent(out) :: weight(:)         !! [-]
     real(wp), intent(out) :: spring(ndim, ndim)             !! [N/m]
+    real(wp) :: along(ndim)
     integer :: p, a, i, k, place
-    character(len=:), allocatable :: kind
 
     allocate (node(0), weight(0))
     spring = 0.0_wp
     p = self%entry_point(entry)
-    kind = trim(conditions(self%entry_condition(entry))%kind)
-    if (conditions(self%entry_condition(entry))%is_load()) return
+    if (.not. self%wall(self%entry_condition(entry))%holds) return
     do k = 1, self%n_part
       do i = 1, 2**ndim
         if (self%node(i, k, p) == 0) cycle
@@ -523,18 +503,15 @@ contains
       end do
     end do
     do a = 1, ndim
-      if (kind == 'fixed' .or. kind == 'velocity') then
-        spring(a, a) = self%stiffness*area(p)
-      else
-        spring(:, a) = self%stiffness*area(p)*self%held(:, p)*self%held(a, p)
-      end if
+      along = 0.0_wp
+      along(a) = self%stiffness*area(p)
+      spring(:, a) = self%wall(self%entry_condition(entry))%held(along, self%held(:, p))
     end do
   end subroutine surface_forces_spring
 
-  pure subroutine surface_forces_forget(self, conditions, displacement)
+  pure subroutine surface_forces_forget(self, displacement)
     !! Sets displacements to zero, but for what springs of walls need: it is their force.
     class(surface_forces_t), intent(in) :: self
-    type(mechanical_condition_t), intent(in) :: conditions(:)
     real(wp), intent(inout) :: displacement(ndim, self%n_point)   !! of the surface points [m]
     real(wp) :: kept(ndim, self%n_point)
     integer :: e, p
@@ -542,36 +519,16 @@ contains
     kept = 0.0_wp
     do e = 1, size(self%entry_point)
       p = self%entry_point(e)
-      associate (condition => conditions(self%entry_condition(e)))
-        if (condition%is_load()) cycle
-        if (condition%kind == 'fixed' .or. condition%kind == 'velocity') then
-          kept(:, p) = displacement(:, p)
-        else
-          kept(:, p) = dot_product(displacement(:, p), self%held(:, p))*self%held(:, p)
-        end if
+      associate (wall => self%wall(self%entry_condition(e)))
+        if (wall%holds) kept(:, p) = wall%held(displacement(:, p), self%held(:, p))
       end associate
     end do
     displacement = kept
   end subroutine surface_forces_forget
 
-  pure function wall_velocity(condition, time, normal) result(velocity)
-    !! Prescribed velocity of a wall [m/s].
-    type(mechanical_condition_t), intent(in) :: condition
-    real(wp), intent(in) :: time           !! [s]
-    real(wp), intent(in) :: normal(ndim)   !! outward [-]
-    real(wp) :: velocity(ndim)
-
-    velocity = 0.0_wp
-    if (condition%kind == 'velocity') velocity = condition%value*condition%pattern%factor%at(time)
-    if (condition%kind == 'normal_velocity') then
-      velocity = condition%value(1)*condition%pattern%factor%at(time)*normal
-    end if
-  end function wall_velocity
-
-  pure subroutine surface_forces_react(self, conditions, area, normal, stress, force, only)
+  pure subroutine surface_forces_react(self, area, normal, stress, force, only)
     !! Adds the walls' reactions to the mean stresses of their cells: the adjoint of `lift`.
     class(surface_forces_t), intent(in) :: self
-    type(mechanical_condition_t), intent(in) :: conditions(:)
     real(wp), intent(in) :: area(self%n_point)            !! [m2]
     real(wp), intent(in) :: normal(ndim, self%n_point)    !! outward [-]
     real(wp), intent(in) :: stress(:, :)                  !! (nsig, n_cell) total [Pa]
@@ -586,7 +543,7 @@ contains
       if (present(only)) then
         if (c /= only) cycle
       end if
-      if (.not. is_lifted(conditions(c)%kind)) cycle
+      if (.not. is_lifted(self, c)) cycle
       do k = 1, self%n_part
         if (self%cell(k, p) == 0) cycle
         traction = 0.0_wp
@@ -595,9 +552,7 @@ contains
             traction(a) = traction(a) + stress(voigt_slot(a, b), self%cell(k, p))*normal(b, p)
           end do
         end do
-        if (conditions(c)%kind == 'roller' .or. conditions(c)%kind == 'normal_velocity') then
-          traction = dot_product(traction, self%held(:, p))*self%held(:, p)
-        end if
+        traction = self%wall(c)%held(traction, self%held(:, p))
         call spread_load(self, k, p, area(p)*traction, force)
       end do
     end do

@@ -34,6 +34,7 @@ module dosui_index_map
     procedure :: gather_longs => map_gather_longs
     procedure :: scatter_add => map_scatter_add
     procedure :: scatter_min => map_scatter_min
+    procedure :: sum_copies => map_sum_copies
     procedure, private :: to_owners
     procedure :: n_shared => map_n_shared
   end type index_map_t
@@ -336,6 +337,17 @@ contains
     call add(width, size(self%send_index), self%send_index, self%owned_buffer, self%n_local, &
              values)
   end subroutine map_scatter_add
+
+  subroutine map_sum_copies(self, comm, width, values)
+    !! Gives owners and ghosts the sum of all copies.
+    class(index_map_t), intent(inout) :: self
+    type(communicator_t), intent(in) :: comm
+    integer, intent(in) :: width                    !! numbers of each entry
+    real(wp), intent(inout) :: values(width, self%n_local)   !! may be longer [any unit]
+
+    call self%scatter_add(comm, width, values)
+    call self%gather(comm, width, values)
+  end subroutine map_sum_copies
 
   subroutine map_scatter_min(self, comm, width, values)
     !! Gives the owners the least of their own and the ghosts' values.

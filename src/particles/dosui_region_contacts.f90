@@ -9,6 +9,7 @@ module dosui_region_contacts
   use dosui_name_index, only: name_index_t
   use dosui_scene, only: mechanical_condition_t, scene_t
   use dosui_table, only: table_t
+  use dosui_wall, only: wall_t
   use dosui_seeding, only: region_spacing
   use dosui_shapes, only: face_t, region_bounds, shape_contains
   use dosui_sort, only: sort_permutation
@@ -382,28 +383,29 @@ contains
     type(face_t), intent(in) :: face
     type(body_t), intent(inout) :: body
     type(sample_t), allocatable :: sample(:)
+    type(wall_t) :: wall
     real(wp) :: load(ndim), outward
     integer :: k, d
 
     associate (condition => scene%mechanical_condition(c), surface => scene%surface(s))
       call take_samples(face, region_spacing(scene, scene%region(r)), sample)
       outward = 0.0_wp
+      wall = condition%wall()
       do k = 1, size(sample)
         if (any(sample(k)%position < surface%box_min) .or. &
             any(sample(k)%position > surface%box_max)) cycle
-        select case (condition%kind)
-        case ('roller', 'normal_velocity')
-          call body%hold(sample(k)%normal)
-        case ('fixed', 'velocity', 'absorbing')
+        if (wall%holds_all .or. condition%kind == 'absorbing') then
           do d = 1, ndim
             call body%hold(unit_vector(d))
           end do
-        case default
+        else if (wall%holds .and. .not. wall%is_plate()) then
+          call body%hold(sample(k)%normal)
+        else
           load = load_on(condition, sample(k)%normal)
           outward = outward + dot_product(load, sample(k)%normal)*sample(k)%area
           body%force = body%force + load*sample(k)%area
           body%gross = body%gross + norm2(load)*sample(k)%area
-        end select
+        end if
       end do
       if (.not. allocated(condition%pattern%formula)) then
         if (any(outward*factors(condition%pattern%factor) > 0.0_wp)) self%pulls(c) = .true.
@@ -420,10 +422,10 @@ contains
     select case (condition%kind)
     case ('traction')
       load = condition%value
-    case ('pressure', 'plate')
-      load = -condition%value(1)*normal
-    case default   ! a reservoir pushes
+    case ('reservoir')   ! pushes
       load = -normal
+    case default   ! a pressure or a plate
+      load = -condition%value(1)*normal
     end select
   end function load_on
 

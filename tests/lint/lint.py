@@ -50,7 +50,7 @@ MAY_USE = {
 }
 # Modules that count as another room than their folder: the scene is types with defaults, soils
 # among them, which most rooms are built from; the build information is constants.
-COUNTS_AS = {"dosui_scene": "material", "dosui_build_info": "base"}
+COUNTS_AS = {"dosui_scene": "material", "dosui_wall": "material", "dosui_build_info": "base"}
 # Foreign modules and the only room that may use them.
 FOREIGN = {"mpi_f08": "parallel", "mpi": "nobody", "hdf5": "io", "h5lt": "io"}
 INTRINSIC = {
@@ -149,7 +149,7 @@ def check_sources() -> list[str]:
 
 
 # What is known by a name: the names, constants for them, the modules that may compare them, and
-# those left that still do; no other may begin. Walls are not types yet.
+# those left that still do; no other may begin.
 KNOWN_BY_NAME = {
     "integrator": (
         "explicit semi_implicit quasi_static",
@@ -166,9 +166,8 @@ KNOWN_BY_NAME = {
     "wall": (
         "roller fixed normal_velocity plate",
         "",
-        "dosui_scene",
-        "dosui_nodal_conditions dosui_surface_forces dosui_unknowns dosui_implicit_system"
-        " dosui_region_contacts dosui_surface_overlaps dosui_surface_report dosui_scene_keys",
+        "dosui_wall",
+        "dosui_scene_keys",
     ),
 }
 # `x == 'name'`, `'name' /= x`, `case ('name', ...)`; strings stay, comments go.

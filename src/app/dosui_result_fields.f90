@@ -5,7 +5,6 @@ module dosui_result_fields
   use dosui_model, only: model_t
   use dosui_pore_water, only: saturation_at
   use dosui_result_file, only: result_field_t
-  use dosui_state_check, only: present_place
   use dosui_water_step, only: head_of_particles, darcy_velocity
   implicit none
   private
@@ -131,7 +130,7 @@ contains
     integer :: d
 
     points = vectors_in_space(model%particles%count, &
-                              model%particles%field(present_place(model))%values)
+                              model%particles%field(model%p%current_position)%values)
     do d = 1, ndim
       points(axis(d), :) = points(axis(d), :) + model%scene%local_origin(d)
     end do

@@ -10,7 +10,6 @@ module dosui_balance_search
   use dosui_dimension, only: ndim
   use dosui_head_operator, only: head_operator_t
   use dosui_model, only: model_t
-  use dosui_state_check, only: present_place
   use dosui_surface_sets, only: first_member
   use dosui_text, only: to_text, vector_text
   use dosui_water_balance, only: inflow_rate, surface_values
@@ -131,7 +130,7 @@ contains
     worst = 0.0_wp
     do i = 1, size(created)
       if (model%particles%id(i) /= id) cycle
-      worst = model%particles%field(present_place(model))%values(:, i)
+      worst = model%particles%field(model%p%current_position)%values(:, i)
     end do
     call model%comm%sum_array(worst)
   end subroutine find_worst

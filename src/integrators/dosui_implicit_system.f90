@@ -810,7 +810,7 @@ contains
           if (condition%kind /= 'pressure' .and. condition%kind /= 'reservoir') cycle
           if (model%surface_cell(p) == 0) cycle
           load = condition%pressure_at(model%clock%time, &
-                                       field(h%position_at_build)%values(:, p))* &
+                                       field(h%current_position)%values(:, p))* &
                  field(h%area)%values(1, p)
         end associate
         call surface_gradients(model, p, gradient)

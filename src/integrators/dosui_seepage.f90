@@ -132,7 +132,7 @@ contains
     integer :: place
 
     call model%timers%start(model%phase%rebuild)
-    place = merge(model%p%position_at_build, model%p%position, model%updated .or. model%finite)
+    place = model%p%water_position
     call build_water(model, place)
     call set_surface_data(model, time)
     model%rebuilds = model%rebuilds + 1

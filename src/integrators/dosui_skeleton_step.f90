@@ -251,7 +251,7 @@ contains
     type(model_t), intent(inout) :: model
     integer :: place
 
-    place = merge(model%s%position_at_build, model%s%position, model%finite)
+    place = model%s%current_position
     if (model%reactions%is_wanted) call book_surface_forces(model, place)
     associate (field => model%surface%field, h => model%s, n => model%surface%count)
       call model%surface_forces%apply(model%comm, model%scene%mechanical_condition, &

@@ -16,7 +16,7 @@ module dosui_state_check
   real(wp), parameter :: largest = huge(1.0_wp)
 
   public :: check_state, describe_particle, is_sound, note_failure, note_fault, &
-            place_of, present_place
+            place_of
 
 contains
 
@@ -126,8 +126,8 @@ contains
     !! Does a field follow from the motion of the nodes at once?
     type(field_t), intent(in) :: field
 
-    is_motion = any(field%name == [character(len=32) :: 'position', 'position_at_build', &
-                                   'velocity', 'displacement', 'affine'])
+    is_motion = any(field%name == [character(len=32) :: 'position', 'current_position', &
+                                   'build_position', 'velocity', 'displacement', 'affine'])
   end function is_motion
 
   pure integer function first_bad(set, k) result(p)
@@ -177,17 +177,10 @@ contains
 
     text = 'particle '//to_text(model%particles%id(p))//' '//what//' '//moment(model, within)// &
            ', at '// &
-           place_of(model, model%particles%field(present_place(model))%values(:, p))//" of '"// &
+           place_of(model, model%particles%field(model%p%current_position)%values(:, p))//" of '"// &
            trim(model%scene%material(nint(model%particles%field(model%p%material)% &
                                           values(1, p)))%name)//"'"
   end function describe_particle
-
-  pure integer function present_place(model) result(handle)
-    !! Handle of the particles' present positions.
-    type(model_t), intent(in) :: model
-
-    handle = merge(model%p%position_at_build, model%p%position, model%finite)
-  end function present_place
 
   function moment(model, within) result(text)
     !! Step and time of the clock.

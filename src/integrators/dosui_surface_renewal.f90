@@ -70,7 +70,7 @@ contains
     radius = search_radius(model, edge)
     allocate (walls(0))
     if (allocated(model%scene%rigid_wall)) walls = model%scene%rigid_wall
-    associate (place => model%p%position_at_build)
+    associate (place => model%p%build_position)
       call find_ghosts(model%comm, model%particles, place, n, &
                        model%particles%field(place)%values(:, 1:n), radius, map)
       n_local = n + model%particles%ghost_count
@@ -123,9 +123,9 @@ contains
     m = model%surface%count
     allocate (edge, source=edges(model))
     radius = search_radius(model, edge)
-    associate (place => model%s%position_at_build)
+    associate (place => model%s%build_position)
       call find_ghosts(model%comm, model%surface, place, n, &
-                       model%particles%field(model%p%position_at_build)%values(:, 1:n), radius, map)
+                       model%particles%field(model%p%build_position)%values(:, 1:n), radius, map)
       k = m + model%surface%ghost_count
       allocate (is_served(facets%n), source=.false.)
       allocate (free_claim(k), shut_claim(k), source=0.0_wp)
@@ -197,7 +197,7 @@ contains
     p = model%surface%count
     associate (field => model%surface%field, h => model%s, particle => model%particles%field)
       field(h%free)%values(1, p) = real(surface, wp)
-      field(h%position_at_build)%values(:, p) = facets%place(:, f)
+      field(h%build_position)%values(:, p) = facets%place(:, f)
       field(h%outward_area)%values(:, p) = facets%area(f)*facets%normal(:, f)
       field(h%displacement)%values(:, p) = particle(model%p%displacement)%values(:, i)
       field(h%velocity)%values(:, p) = particle(model%p%velocity)%values(:, i)

@@ -59,14 +59,14 @@ contains
     if (model%updated) call check_reach(model, err)
     if (err%failed()) return
     if ((model%updated .or. model%finite) .and. anew) then
-      call copy_field(model%particles, model%p%position, model%p%position_at_build)
-      call copy_field(model%surface, model%s%position, model%s%position_at_build)
+      call copy_field(model%particles, model%p%position, model%p%water_position)
+      call copy_field(model%surface, model%s%position, model%s%water_position)
       if (model%updated) call turn_surfaces(model)
       if (model%p%half_domain > 0) call stretch_domains(model)
     end if
     if (.not. allocated(model%brick_key) .or. is_unbalanced(model)) call partition(model, err)
     if (err%failed()) return
-    call send_home(model, model%particles, model%particles%field(build_handle(model))%values)
+    call send_home(model, model%particles, model%particles%field(model%p%build_position)%values)
     call inward_positions(model, inside)
     call send_home(model, model%surface, inside)
     if (model%finds_surface .and. anew) then
@@ -152,14 +152,13 @@ contains
     shift = shape_shift(shape_kind_of(trim(model%scene%shape_function_in_force())))* &
             model%scene%grid_spacing
     associate (set => model%particles)
-      call cell_order(set%count, set%field(build_handle(model))%values, set%id, &
+      call cell_order(set%count, set%field(model%p%build_position)%values, set%id, &
                       model%scene%grid_origin + shift, model%scene%grid_spacing, order)
       call set%reorder(order)
     end associate
     associate (set => model%surface)
       call cell_order(set%count, &
-                      set%field(merge(model%s%position_at_build, model%s%position, &
-                                      model%updated))%values, set%id, &
+                      set%field(model%s%build_position)%values, set%id, &
                       model%scene%grid_origin, model%scene%grid_spacing, order)
       call set%reorder(order)
     end associate
@@ -221,13 +220,6 @@ contains
     set%field(destination)%values(:, 1:set%count) = set%field(source)%values(:, 1:set%count)
   end subroutine copy_field
 
-  pure integer function build_handle(model) result(handle)
-    !! The particle positions that the geometry is built from.
-    type(model_t), intent(in) :: model
-
-    handle = merge(model%p%position_at_build, model%p%position, model%updated)
-  end function build_handle
-
   logical function is_unbalanced(model) result(unbalanced)
     !! Does a rank hold many more particles than the mean? Collective.
     type(model_t), intent(in) :: model
@@ -255,7 +247,7 @@ contains
     if (model%traits%solves_water) model%brick_edge = max(2, model%brick_edge)
     if (model%brick_edge > 1) model%brick_edge = model%brick_edge - mod(model%brick_edge, 2)
     key = brick_keys(model, model%particles%count, &
-                     model%particles%field(build_handle(model))%values)
+                     model%particles%field(model%p%build_position)%values)
     allocate (weight(size(key)), source=1.0_wp)
     call partition_bricks(model%comm, key, weight, model%brick_key, model%brick_rank, &
                           model%partition, err)
@@ -299,12 +291,10 @@ contains
     !! Positions a little inside the surface, to tell a surface point's cell.
     type(model_t), intent(in) :: model
     real(wp), allocatable, intent(out) :: inside(:, :)
-    integer :: p, handle
+    integer :: p
 
-    handle = model%s%position
-    if (model%updated) handle = model%s%position_at_build
     allocate (inside(ndim, model%surface%count))
-    associate (position => model%surface%field(handle)%values, &
+    associate (position => model%surface%field(model%s%build_position)%values, &
                normal => model%surface%field(model%s%normal)%values)
       do p = 1, model%surface%count
         inside(:, p) = position(:, p) - inward*model%scene%grid_spacing*normal(:, p)
@@ -328,7 +318,7 @@ contains
       call straighten_surface(model)
     end if
     n = model%particles%count
-    handle = build_handle(model)
+    handle = model%p%build_position
     margin = 0.0_wp
     if (model%updated) then
       margin = moving_margin(model)
@@ -357,7 +347,7 @@ contains
     call build_shift(model)
     call find_least_inertia(model)
     if (model%finite) then
-      handle = model%p%position_at_build
+      handle = model%p%current_position
       model%surface%field(model%s%area)%values = area
       model%surface%field(model%s%normal)%values = normal
     end if
@@ -460,8 +450,7 @@ contains
 
     n = model%particles%count
     m = model%surface%count
-    surface_handle = model%s%position
-    if (model%updated) surface_handle = model%s%position_at_build
+    surface_handle = model%s%build_position
     allocate (patch(n), cell(n), source=0)
     call model%grid%locate(n, model%particles%field(handle)%values(:, 1:n), patch, cell, n_lost)
     call model%grid%find_ends(model%comm, n, cell, model%particles%field(handle)%values(:, 1:n), &
@@ -759,8 +748,7 @@ contains
 
     n = model%particles%count
     m = model%surface%count
-    surface_handle = model%s%position
-    if (model%updated .or. model%finite) surface_handle = model%s%position_at_build
+    surface_handle = model%s%water_position
     radius = model%scene%water%support_radius*model%spacing
     call follow_porosity(model)
     call model%head_operator%clear()
@@ -845,7 +833,7 @@ contains
     integer, intent(in) :: n_local
     integer :: p, handle
 
-    handle = merge(model%p%position_at_build, model%p%position, model%finite)
+    handle = model%p%current_position
     if (allocated(model%head)) deallocate (model%head, model%elevation)
     allocate (model%head(n_local), model%elevation(n_local), source=0.0_wp)
     do p = 1, model%particles%count

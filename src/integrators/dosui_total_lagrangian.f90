@@ -90,14 +90,14 @@ contains
                   deformation, field(h%displacement)%values(:, 1:n))
       if (model%centred) call take_cell_gradients(self, model, motion, deformation)
       field(h%deformation)%values(:, 1:n) = reshape(deformation, [ndim*ndim, n])
-      field(h%position_at_build)%values(:, 1:n) = field(h%position)%values(:, 1:n) + &
+      field(h%current_position)%values(:, 1:n) = field(h%position)%values(:, 1:n) + &
                                                   field(h%displacement)%values(:, 1:n)
     end associate
     allocate (step(ndim, m))
     call model%surface_forces%point_velocity(motion, step)
     associate (field => model%surface%field, h => model%s)
       field(h%displacement)%values(:, 1:m) = self%surface_displacement + step
-      field(h%position_at_build)%values(:, 1:m) = field(h%position)%values(:, 1:m) + &
+      field(h%current_position)%values(:, 1:m) = field(h%position)%values(:, 1:m) + &
                                                   field(h%displacement)%values(:, 1:m)
     end associate
     call deform_surface(self, model, motion)
@@ -107,7 +107,7 @@ contains
     if (err%failed()) return
     call model%timers%start(model%phase%rebuild)
     call refresh_weights(model)
-    if (model%coupled) call build_water(model, model%p%position_at_build)
+    if (model%coupled) call build_water(model, model%p%current_position)
     call model%timers%stop(model%phase%rebuild)
   end subroutine lagrangian_move_to
 
@@ -269,7 +269,7 @@ contains
       model%tangent(:, :, p) = tangent
     end do
     call refresh_weights(model)
-    if (model%coupled) call build_water(model, model%p%position_at_build)
+    if (model%coupled) call build_water(model, model%p%current_position)
   end subroutine lagrangian_linearise
 
   subroutine find_volume_ratios(model, deformation, ratio, err)

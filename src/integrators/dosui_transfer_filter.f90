@@ -64,7 +64,7 @@ contains
     if (model%p%filter_time == 0) return
     if (allocated(model%node_filter_time)) deallocate (model%node_filter_time)
     if (allocated(model%node_share)) deallocate (model%node_share)
-    place = merge(model%p%position_at_build, model%p%position, model%updated)
+    place = model%p%build_position
     associate (time => model%particles%field(model%p%filter_time)%values(1, :), &
                n => model%particles%count)
       shortest = huge(1.0_wp)

@@ -6,7 +6,7 @@ module dosui_trouble
   use dosui_implicit_system, only: elastic_tangent
   use dosui_model, only: model_t
   use dosui_scene, only: name_length
-  use dosui_state_check, only: place_of, present_place
+  use dosui_state_check, only: place_of
   use dosui_surface_sets, only: first_member
   use dosui_text, only: to_text
   implicit none
@@ -44,7 +44,7 @@ contains
     if (by_water) then
       if (size(change) > 0) k = maxloc(abs(change), dim=1)
       if (k > 0) worst = abs(change(k))
-      if (k > 0) x = model%particles%field(present_place(model))%values(:, k)
+      if (k > 0) x = model%particles%field(model%p%current_position)%values(:, k)
     else if (size(force) > 0) then
       k = maxloc(maxval(abs(force), mask=is_free, dim=1), dim=1)
       worst = maxval(abs(force(:, k)), mask=is_free(:, k))
@@ -75,7 +75,7 @@ contains
     text = ''
     if (model%particles%count == 0) return
     associate (field => model%particles%field, h => model%p, n => model%particles%count)
-      p = nearest_point(field(present_place(model))%values(:, 1:n), x)
+      p = nearest_point(field(model%p%current_position)%values(:, 1:n), x)
       m = nint(field(h%material)%values(1, p))
       text = " in '"//trim(model%scene%material(m)%name)//"'"//surface_near(model, x)
       if (by_water) then
@@ -161,7 +161,7 @@ contains
     real(wp) :: least, distance
     integer :: p, s, h
 
-    h = merge(model%s%position_at_build, model%s%position, model%finite)
+    h = model%s%current_position
     least = near*model%grid%spacing
     name = ''
     do p = 1, model%surface%count

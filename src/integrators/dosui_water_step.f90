@@ -33,7 +33,7 @@ contains
     real(wp), allocatable, intent(out) :: elevation(:)   !! (points) [m]
     integer :: p, handle
 
-    handle = merge(model%s%position_at_build, model%s%position, model%finite)
+    handle = model%s%current_position
     allocate (elevation(model%surface%count + model%surface%ghost_count))
     do p = 1, size(elevation)
       elevation(p) = elevation_of(model%surface%field(handle)%values(:, p), &
@@ -49,7 +49,7 @@ contains
     real(wp), allocatable :: elevation(:)
     integer :: place, n, p
 
-    place = merge(model%s%position_at_build, model%s%position, model%finite)
+    place = model%s%current_position
     call surface_elevation(model, elevation)
     n = size(elevation)
     associate (field => model%surface%field, conditions => model%hydraulic_conditions)
@@ -362,8 +362,8 @@ contains
       call gather_field(model%comm, model%particles, model%particle_map, model%p%position)
       call gather_field(model%comm, model%surface, model%surface_map, model%s%position)
     end if
-    particle_place = merge(model%p%position_at_build, model%p%position, model%finite)
-    surface_place = merge(model%s%position_at_build, model%s%position, model%finite)
+    particle_place = model%p%current_position
+    surface_place = model%s%current_position
     call head_of_particles(model, head)
     conductivity = model%particles%field(model%p%conductivity)%values(1, :)
     if (model%unsaturated) then

@@ -10,8 +10,10 @@ module dosui_particle_fields
 
   type, public :: particle_handles_t
     !! Places of the particles' fields in their table; 0: not in this scene.
-    integer :: position = 0           !! [m]
-    integer :: position_at_build = 0  !! where neighbourhoods were built, if bodies deform [m]
+    integer :: position = 0           !! on the grid: of reference with finite strains, else now [m]
+    integer :: current_position = 0   !! now [m]
+    integer :: build_position = 0     !! that the grid was last built with [m]
+    integer :: water_position = 0     !! that the water's neighbourhoods were last built with [m]
     integer :: velocity = 0           !! [m/s]
     integer :: displacement = 0       !! [m]
     integer :: effective_stress = 0   !! tension positive [Pa]
@@ -36,8 +38,10 @@ module dosui_particle_fields
 
   type, public :: surface_handles_t
     !! Places of the surface points' fields in their table.
-    integer :: position = 0           !! on the true surface [m]
-    integer :: position_at_build = 0  !! if bodies deform [m]
+    integer :: position = 0           !! as of particles, on the true surface [m]
+    integer :: current_position = 0   !! likewise [m]
+    integer :: build_position = 0     !! likewise [m]
+    integer :: water_position = 0     !! likewise [m]
     integer :: normal = 0             !! outward unit normal [-]
     integer :: area = 0               !! of the piece [m2, m in 2-D, 1 in 1-D]
     integer :: surface = 0            !! set of the scene's surfaces (dosui_surface_sets), 0: none
@@ -98,8 +102,13 @@ contains
     end if
     if (needs%affine) handles%affine = set%add('affine', '1/s', ndim*ndim, yes, no, no, yes)
     if (needs%filtered) handles%filter_time = set%add('filter_time', 's', 1, yes, no, no, yes)
-    if (needs%updated .or. needs%finite) handles%position_at_build = &
-      set%add('position_at_build', 'm', ndim, yes, yes, no, yes)
+    handles%current_position = handles%position
+    handles%build_position = handles%position
+    if (needs%finite) handles%current_position = &
+      set%add('current_position', 'm', ndim, yes, yes, no, yes)
+    if (needs%updated) handles%build_position = &
+      set%add('build_position', 'm', ndim, yes, yes, no, yes)
+    handles%water_position = merge(handles%build_position, handles%current_position, needs%updated)
     if (needs%following) handles%half_domain = &
       set%add('half_domain', '-', ndim, yes, no, no, yes)
     if (needs%finite .or. needs%following) handles%deformation = &
@@ -134,8 +143,13 @@ contains
     handles%patch = set%add('patch', '-', 1, yes, yes, no, yes)
     handles%displacement = set%add('displacement', 'm', ndim, yes, no, no, yes)
     handles%velocity = set%add('velocity', 'm/s', ndim, yes, no, no, yes)
-    if (needs%updated .or. needs%finite) handles%position_at_build = &
-      set%add('position_at_build', 'm', ndim, yes, yes, no, yes)
+    handles%current_position = handles%position
+    handles%build_position = handles%position
+    if (needs%finite) handles%current_position = &
+      set%add('current_position', 'm', ndim, yes, yes, no, yes)
+    if (needs%updated) handles%build_position = &
+      set%add('build_position', 'm', ndim, yes, yes, no, yes)
+    handles%water_position = merge(handles%build_position, handles%current_position, needs%updated)
     if (needs%updated) handles%outward_area = set%add('outward_area', 'm2', ndim, yes, no, no, yes)
     if (needs%switching) handles%has_head = set%add('has_head', '-', 1, yes, yes, no, yes)
     if (needs%unsaturated .or. needs%layered) handles%material = &

@@ -4,7 +4,12 @@ add_library(dosui_flags INTERFACE)
 add_library(dosui_test_flags INTERFACE)
 
 if(CMAKE_Fortran_COMPILER_ID STREQUAL "GNU")
+  # Lines only where nobody steps through variables (tests/run.sh): a fifth less to compile.
+  option(DOSUI_DEBUG_LINES_ONLY "Debug information tells lines, but no variables" OFF)
   set(CMAKE_Fortran_FLAGS_DEBUG "-g -Og" CACHE STRING "" FORCE)
+  if(DOSUI_DEBUG_LINES_ONLY)
+    set(CMAKE_Fortran_FLAGS_DEBUG "-g1 -Og" CACHE STRING "" FORCE)
+  endif()
   set(CMAKE_Fortran_FLAGS_RELEASE "-O3" CACHE STRING "" FORCE)
   set(checks -fcheck=all,no-array-temps -finit-real=snan -ffpe-trap=invalid,zero,overflow -fbacktrace)
   set(warnings -std=f2008 -Wall -Wextra -Wimplicit-interface)

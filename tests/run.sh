@@ -9,7 +9,7 @@ dosui_install_packages
 mkdir -p "$DOSUI_ROOT/build"
 dosui_install_python pytest vtk ruff mypy fprettify fortitude-lint "${DOSUI_SITE_TOOLS[@]}"
 dosui_say "building Debug"
-dosui_build debug all "-DDOSUI_PYTHON=$DOSUI_VENV/bin/python" >"$DOSUI_ROOT/build/debug.log" 2>&1 ||
+dosui_build debug all "-DDOSUI_PYTHON=$DOSUI_VENV/bin/python" -DDOSUI_DEBUG_LINES_ONLY=ON >"$DOSUI_ROOT/build/debug.log" 2>&1 ||
   { tail -n 60 "$DOSUI_ROOT/build/debug.log"; exit 1; }
 dosui_say "building Release"
 dosui_build release "dosui dosui1d dosui2d dosui3d" "-DDOSUI_PYTHON=$DOSUI_VENV/bin/python" >"$DOSUI_ROOT/build/release.log" 2>&1 ||

@@ -177,7 +177,8 @@ contains
 
     text = 'particle '//to_text(model%particles%id(p))//' '//what//' '//moment(model, within)// &
            ', at '// &
-           place_of(model, model%particles%field(model%p%current_position)%values(:, p))//" of '"// &
+           place_of(model, model%particles%field(model%p%current_position)%values(:, p))// &
+           " of '"// &
            trim(model%scene%material(nint(model%particles%field(model%p%material)% &
                                           values(1, p)))%name)//"'"
   end function describe_particle

@@ -263,5 +263,6 @@ contains
     end do
     stress = trial(:, 1)
     state = trial_state(:, 1)
+    call model%take_own_mean(state)
   end subroutine load
 end module dosui_element_tests

@@ -19,6 +19,7 @@ module dosui_simulation
   use dosui_scene, only: scene_t
   use dosui_size_report, only: report_sizes
   use dosui_setup, only: describe_model, finish_setup, seed_model, setup_model
+  use dosui_softening_bands, only: average_bands
   use dosui_signals, only: signal_received, signals_watch
   use dosui_starts, only: geostatic_start
   use dosui_state_check, only: check_state, is_sound
@@ -157,6 +158,7 @@ contains
       call write_output(model, integrator, files, err)
       if (err%failed()) return
     end if
+    if (from_start) call average_bands(model, err)   ! of what the start has left
     started = wall_seconds()
     last_line = started
     last_checkpoint = started
@@ -164,6 +166,7 @@ contains
     do while (.not. (model%clock%finished() .or. &
                      model%clock%step >= model%scene%time%maximum_steps))
       call integrator%step(model, err)
+      call average_bands(model, err)
       if (is_due(model, integrator%look_interval)) call check_state(model, err)
       if (err%failed()) then
         call model%comm%agree(err)

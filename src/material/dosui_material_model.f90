@@ -33,6 +33,10 @@ module dosui_material_model
     !! order of stresses: they turn with the material
     integer, allocatable :: state_strains(:)
     !! state variables that are volume strains which the next elastic trial starts from
+    integer :: mean_state = 0, mean_of = 0
+    !! a state variable that is the mean of another one around the point before the step, set from
+    !! outside; 0: there is none
+    real(wp) :: mean_variance = 0.0_wp   !! of that mean's weights in each direction [m2]
     logical :: is_nonlinear = .false.   !! stresses are no linear function of strains
     logical :: is_in_cauchy = .false.
     !! finite strains: all laws are in Cauchy stresses. Else elasticity is constant and relates
@@ -63,6 +67,7 @@ module dosui_material_model
     procedure :: place_values => material_model_place_values
     procedure :: represent => material_model_represent
     procedure :: start_point => material_model_start_point
+    procedure :: take_own_mean => material_model_take_own_mean
     procedure :: explain => material_model_explain
     procedure :: n_state => material_model_n_state
     procedure :: state_name => material_model_state_name
@@ -305,6 +310,8 @@ contains
     end do
     if (allocated(self%varying)) deallocate (self%varying)
     call self%prepare()
+    self%mean_state = whole%mean_state
+    self%mean_of = whole%mean_of
   end subroutine material_model_take_place
 
   subroutine material_model_update_stress(self, n, strain_increment, stress, state, err, tangent)
@@ -387,6 +394,14 @@ contains
     call self%prepare()
     call self%vary()
   end subroutine material_model_represent
+
+  pure subroutine material_model_take_own_mean(self, state)
+    !! Where all points are as this one its own value is the mean around it.
+    class(material_model_t), intent(in) :: self
+    real(wp), intent(inout) :: state(:)   !! [units of `state_units`]
+
+    if (self%mean_state > 0) state(self%mean_state) = state(self%mean_of)
+  end subroutine material_model_take_own_mean
 
   subroutine material_model_start_point(self, place, porosity, stress, state, message)
     !! State variables of a point before anything happens, and the constants of its place.

@@ -18,7 +18,7 @@ module dosui_mohr_coulomb
   use dosui_error, only: error_t
   use dosui_isotropic_model, only: isotropic_model_t, opened, plastic_strain, poisson_ratio, &
                                    young_modulus
-  use dosui_key_visitor, only: key, key_t
+  use dosui_key_visitor, only: key, key_t, key_visitor_t
   use dosui_principal, only: elastic_matrix, principal_stresses, stress_from_principal, &
                              tangent_from_principal
   use dosui_strength, only: check_dilation, cohesion, degree, dilation_angle, flatter, &
@@ -30,6 +30,7 @@ module dosui_mohr_coulomb
   integer, parameter :: softening_displacement = n_strength + 1, &
                         softening_strain = n_strength + 2, residual_cohesion = n_strength + 3, &
                         residual_friction_angle = n_strength + 4, n_constant = n_strength + 4
+  character(len=*), parameter :: when_softening = 'softening_displacement or softening_strain > 0'
   integer, parameter :: n_plane = 6   ! shear between 1-3, 1-2, 2-3, tension along 1, 2, 3
   integer, parameter :: n_set = 41    ! of up to three planes
   integer, parameter :: sets(n_set) = [ &   ! their numbers as digits: likely ones, then all others
@@ -41,6 +42,8 @@ module dosui_mohr_coulomb
   integer, parameter :: most_attempts = 5     ! with refined solutions and ten times the slack each
   real(wp), parameter :: round_off = 1.0e-13_wp   ! of stresses, over the bulk modulus [-]
   real(wp), parameter :: regular = 1.0e-12_wp   ! pivots and determinants beyond, over the entries
+  real(wp), parameter :: of_band = 1.0_wp/6.0_wp
+  !! variance across a band over its width squared, that of a linear shape function [-]
   real(wp), parameter :: unlimited = 0.5_wp*huge(1.0_wp)   ! strengths beyond are none [Pa]
 
   type :: planes_t
@@ -60,10 +63,12 @@ module dosui_mohr_coulomb
     real(wp) :: residual_cohesion = 0.0_wp !! after softening [Pa]
     real(wp) :: residual_friction = 0.0_wp !! likewise [rad]
     real(wp) :: softening_strain = 0.0_wp  !! plastic shear strain that softens fully; 0: none [-]
+    real(wp) :: softening_width = 0.0_wp   !! over which strains are averaged; 0: none [m]
     logical, private :: can_open = .false. !! the cut-off is, or can come to lie, at zero
   contains
     procedure :: declare => mohr_coulomb_declare
     procedure :: key_of => mohr_coulomb_key_of
+    procedure :: visit_options => mohr_coulomb_visit_options
     procedure :: check => mohr_coulomb_check
     procedure :: has_strength => mohr_coulomb_has_strength
     procedure :: prepare => mohr_coulomb_prepare
@@ -87,13 +92,12 @@ contains
     class(mohr_coulomb_t), intent(in) :: self
     integer, intent(in) :: k
     type(key_t) :: described
-    character(len=*), parameter :: only = 'softening_displacement or softening_strain > 0'
 
     select case (k)
     case (softening_displacement)
       described = key('softening_displacement', 'displacement across a shear band over which '// &
                       'cohesion and friction fall to their residual values: a plastic shear '// &
-                      'strain of this over the grid''s spacing; 0: they do not', unit='m', &
+                      'strain of this over softening_width; 0: they do not', unit='m', &
                       range='>= 0')
     case (softening_strain)
       described = key('softening_strain', 'plastic shear strain in place of '// &
@@ -101,14 +105,30 @@ contains
                       'does what softening takes', unit='-', range='>= 0')
     case (residual_cohesion)
       described = key('residual_cohesion', 'c after softening', unit='Pa', range='>= 0', &
-                      only=only, applies=self%softens())
+                      only=when_softening, applies=self%softens())
     case (residual_friction_angle)
       described = key('residual_friction_angle', 'phi after softening', unit='deg', &
-                      range='>= 0 and < 90', only=only, applies=self%softens())
+                      range='>= 0 and < 90', only=when_softening, applies=self%softens())
     case default
       described = strength_key(k)
     end select
   end function mohr_coulomb_key_of
+
+  subroutine mohr_coulomb_visit_options(self, visitor, applies)
+    !! The width of bands.
+    class(mohr_coulomb_t), intent(inout) :: self
+    class(key_visitor_t), intent(inout) :: visitor
+    logical, intent(in) :: applies
+    logical :: is_used
+
+    is_used = applies .and. allocated(self%constant)
+    if (is_used) is_used = self%softens()
+    call visitor%real(self%softening_width, &
+                      key('softening_width', 'width of shear bands, whatever the grid: '// &
+                          'softening follows the mean of the plastic shear strain over it; '// &
+                          'up to the grid''s spacing, or 0: the spacing, without means', &
+                          unit='m', range='>= 0', only=when_softening, applies=is_used))
+  end subroutine mohr_coulomb_visit_options
 
   pure subroutine mohr_coulomb_check(self, key, message)
     !! Dilation that would give work, two measures of softening.
@@ -148,9 +168,12 @@ contains
     !! The planes' constants: c/F and tan(phi)/F, before and after softening, and the dilation and
     !! the tensile strength with them. Bands of shear are about one spacing of the grid wide,
     !! whatever that is, so a displacement across them is a property of the soil where a strain is
-    !! one of the grid.
+    !! one of the grid. Where the soil has a width of its own, means over it add what the grid's
+    !! bands lack.
     class(mohr_coulomb_t), intent(inout) :: self
+    real(wp) :: width   ! of bands [m]
 
+    width = max(self%softening_width, self%band_width)
     associate (value => self%constant%constant, factor => self%strength_reduction)
       self%cohesion = value(cohesion)/factor
       self%friction = flatter(value(friction_angle)*degree, factor)
@@ -163,8 +186,10 @@ contains
       self%residual_friction = flatter(value(residual_friction_angle)*degree, factor)
       self%softening_strain = value(softening_strain)
       if (value(softening_displacement) > 0.0_wp) then
-        self%softening_strain = value(softening_displacement)/self%band_width
+        self%softening_strain = value(softening_displacement)/width
       end if
+      self%mean_state = 0
+      self%mean_variance = of_band*(width**2 - self%band_width**2)
       call self%init(value(young_modulus), value(poisson_ratio))
     end associate
   end subroutine mohr_coulomb_prepare
@@ -181,6 +206,12 @@ contains
     if (self%softening_strain > 0.0_wp .and. self%residual_friction > 0.0_wp .and. &
         .not. self%residual_cohesion > 0.0_wp) self%can_open = .true.
     call self%name_plastic_state(self%can_open)
+    if (.not. self%mean_variance > 0.0_wp) return
+    if (.not. self%softens()) return
+    self%mean_of = plastic_strain
+    self%mean_state = size(self%state_names) + 1
+    self%state_names = [self%state_names, [character(len=32) :: 'mean_plastic_shear_strain']]
+    self%state_units = [self%state_units, [character(len=8) :: '-']]
   end subroutine mohr_coulomb_init
 
   subroutine mohr_coulomb_return_stress(self, n, strain_increment, stress, state, err, tangent)
@@ -195,18 +226,19 @@ contains
     real(wp) :: elastic(nsig, nsig), trial(3), vector(3, 3), value(3), strain(3), inverse(3, 3)
     real(wp) :: bulk, new(nsig)
     type(planes_t) :: planes
-    integer :: active(3), p
+    integer :: active(3), p, softened_by
     logical :: is_elastic, is_solved
 
     elastic = elastic_matrix(self%lambda, self%shear)
     bulk = self%bulk_modulus()
     call find_planes(self, 0.0_wp, planes)
+    softened_by = merge(self%mean_state, plastic_strain, self%mean_state > 0)
     do p = 1, n
       new = stress(:, p) + matmul(elastic, strain_increment(:, p))
       if (self%can_open) new(1:3) = new(1:3) + bulk*state(opened, p)   ! that must close first
       if (present(tangent)) tangent(:, :, p) = elastic
       call principal_stresses(new, trial, vector)
-      if (self%softening_strain > 0.0_wp) call find_planes(self, state(plastic_strain, p), planes)
+      if (self%softening_strain > 0.0_wp) call find_planes(self, state(softened_by, p), planes)
       call return_to_planes(trial, planes, value, strain, active, inverse, is_elastic, is_solved)
       if (.not. (is_solved .and. abs(sum(new)) <= huge(1.0_wp))) then   ! the latter: numbers
         call self%explain('Mohr-Coulomb: no admissible stress', strain_increment(:, p), &

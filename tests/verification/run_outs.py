@@ -1,5 +1,6 @@
 """The run-out of the slope of test_transfers.py over steps, integrators, stiffness of the water and
-grids: rows of the table in docs/verification.md. Minutes; `python run_outs.py [meshes]`."""
+grids: rows of the table in docs/verification.md. Minutes, an hour for the grids;
+`python run_outs.py [meshes]`."""
 
 from __future__ import annotations
 
@@ -22,10 +23,17 @@ STEPS: list[dict[str, object]] = [
     for integrator in ("explicit", "semi_implicit")
     for water in (5.0e6, 5.0e8)
 ]
+SOFTENING: tuple[dict[str, object], ...] = (
+    {"softening": "softening_displacement = 0.5"},
+    {"softening": "softening_displacement = 0.5 softening_width = 1.0"},
+    {"softening": "softening_strain = 0.5"},
+    {"softening": "", "residual": "", "cohesion": 3.0e3},  # perfectly plastic
+)
 MESHES: list[dict[str, object]] = [
-    {"spacing": spacing, "softening": softening}
-    for softening in ("softening_displacement = 0.5", "softening_strain = 0.5")
+    soil | {"spacing": spacing, "end": end}
+    for soil in SOFTENING
     for spacing in (1.0, 0.5, 0.25)
+    for end in (6.0, 12.0)
 ]
 
 
@@ -54,6 +62,10 @@ def run_out(changes: dict[str, object]) -> str:
     )
 
 
-for changes in MESHES if "meshes" in sys.argv else STEPS:
-    for transfer in ("", "transfer = 'apic'"):
-        print(run_out(changes | ({"mechanics": transfer} if transfer else {})), flush=True)
+if "meshes" in sys.argv:
+    for changes in MESHES:
+        print(run_out(changes), flush=True)
+else:
+    for changes in STEPS:
+        for transfer in ({}, {"mechanics": "transfer = 'apic'"}):
+            print(run_out(changes | transfer), flush=True)

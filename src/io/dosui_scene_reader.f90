@@ -77,7 +77,7 @@ contains
 
   ! ---------------------------------------------------------------- the whole scene
 
-  subroutine read_scene(comm, path, scene, problems, err, directory)
+  subroutine read_scene(comm, path, scene, problems, err, directory, only_check)
     !! Reads a scene: root reads the text, all ranks parse it, so all find the same problems.
     !! Collective. The error is set when there are problems.
     type(communicator_t), intent(in) :: comm
@@ -86,6 +86,7 @@ contains
     type(problems_t), intent(inout) :: problems
     type(error_t), intent(inout) :: err
     character(len=*), intent(in), optional :: directory   !! replaces that of the scene
+    logical, intent(in), optional :: only_check   !! no result will want the scene's echo
     character(len=:), allocatable :: text, reason, stem
     type(error_t) :: read_error
     type(namelist_t), target :: namelist
@@ -101,7 +102,7 @@ contains
     stem = ''
     if (comm%is_root()) stem = default_name(absolute_path(path))
     call comm%broadcast(stem)
-    call parse_groups(text, path, scene, problems, namelist, stem, directory)
+    call parse_groups(text, path, scene, problems, namelist, stem, directory, only_check)
     scene%base_motion%is_given = any(abs(scene%base_motion%acceleration) > 0.0_wp)
     if (allocated(scene%base_motion%file)) call read_motion(comm, path, scene, problems)
     if (problems%count() == 0) call check_coordinates(scene, namelist, problems)
@@ -392,13 +393,14 @@ contains
     call parse_groups(text, file, scene, problems, namelist, stem, directory)
   end subroutine parse_scene
 
-  subroutine parse_groups(text, file, scene, problems, namelist, stem, directory)
+  subroutine parse_groups(text, file, scene, problems, namelist, stem, directory, only_check)
     !! As `parse_scene`; keeps what was scanned, with its lines.
     character(len=*), intent(in) :: text, file
     type(scene_t), intent(out) :: scene
     type(problems_t), intent(inout) :: problems
     type(namelist_t), intent(inout), target :: namelist
     character(len=*), intent(in), optional :: stem, directory
+    logical, intent(in), optional :: only_check   !! no echo
     type(group_t), allocatable :: groups(:)
     integer :: g
 
@@ -427,6 +429,9 @@ contains
     scene%mechanics%transfer = scene%transfer_in_force()
     call check_scene(scene, namelist, problems)
     call check_combinations(scene, namelist, problems)
+    if (present(only_check)) then
+      if (only_check) return
+    end if
     call write_echo(scene, scene%echo)
   end subroutine parse_groups
 
@@ -591,7 +596,7 @@ contains
     if (key%is_undecided) then
       slot = 0
     else if (.not. key%applies) then
-      call self%complain(slot, self%group%key(slot)%shown(), 'has a meaning only with '//key%only)
+      call self%complain(slot, self%group%key(slot)%shown(), 'has a meaning only with '//trim(key%only))
       slot = 0
     else if (self%group%key(slot)%n_value == 0) then
       slot = 0   ! the scan has complained already
@@ -622,7 +627,7 @@ contains
     character(len=:), allocatable :: text
 
     text = ''
-    if (len(key%unit) > 0) text = ' ['//key%unit//']'
+    if (len_trim(key%unit) > 0) text = ' ['//trim(key%unit)//']'
   end function unit_text
 
   logical function has_count(self, slot, n)
@@ -661,7 +666,7 @@ contains
       candidate = 0.0_wp
       call value%to_real(candidate, reason)
       if (len(reason) == 0 .and. .not. in_range(candidate, key%range)) then
-        reason = 'must be '//key%range
+        reason = 'must be '//trim(key%range)
       end if
       if (len(reason) == 0) then
         x = candidate
@@ -724,7 +729,7 @@ contains
       if (given%is_quoted .and. len(reason) > 0) then
         call value%parse(given%text, axis_name(axis), message)
         if (.not. (allocated(message) .or. value%varies() .or. &
-                   in_range(value%constant, key%range))) message = 'must be '//key%range
+                   in_range(value%constant, key%range))) message = 'must be '//trim(key%range)
         if (allocated(message)) call self%complain(slot, given%shown(), message//unit_text(key))
       else
         constant = value%constant
@@ -771,7 +776,7 @@ contains
       call given%to_long(candidate, reason)
       if (len(reason) == 0 .and. abs(candidate) > largest) reason = 'is too large'
       if (len(reason) == 0 .and. .not. in_range(real(candidate, wp), key%range)) then
-        reason = 'must be '//key%range
+        reason = 'must be '//trim(key%range)
       end if
       if (len(reason) == 0) then
         value = candidate
@@ -807,7 +812,7 @@ contains
 
     call self%open_key(key, slot)
     if (slot == 0) return
-    if (len(key%choices) > 0) then
+    if (len_trim(key%choices) > 0) then
       call self%choice(slot, key, value)
     else
       call self%one_text(slot, key, text, is_good)

@@ -24,7 +24,7 @@ module dosui_key_visitor
     !! millions of keys, and most of the time would go to finding room for their texts.
     character(len=:), allocatable :: name
     character(len=:), allocatable :: description   !! one line
-    character(len=16) :: unit = ''                 !! '' for what has none
+    character(len=8) :: unit = ''                  !! '' for what has none
     character(len=64) :: range = ''                !! '' or '> 0', '>= 0 and <= 1', ...
     character(len=192) :: choices = ''             !! '' or the allowed texts, separated by blanks
     character(len=96) :: only = ''                 !! '' or where it has a meaning: kind = 'given'

@@ -596,7 +596,8 @@ contains
     if (key%is_undecided) then
       slot = 0
     else if (.not. key%applies) then
-      call self%complain(slot, self%group%key(slot)%shown(), 'has a meaning only with '//trim(key%only))
+      call self%complain(slot, self%group%key(slot)%shown(), &
+                         'has a meaning only with '//trim(key%only))
       slot = 0
     else if (self%group%key(slot)%n_value == 0) then
       slot = 0   ! the scan has complained already
@@ -835,24 +836,28 @@ contains
     call self%one_text(slot, key, text, is_good)
     value = ''
     if (.not. is_good) return
-    list = ''
     do k = 1, size(names)
       names(k) = choice_of(key%choices, k)
+    end do
+    if (any(names == lower_case(text))) then
+      value = lower_case(text)
+      return
+    end if
+    renamed = present_choice(key%former_choices, lower_case(text))
+    if (len(renamed) > 0) then
+      call self%complain(slot, self%group%key(slot)%shown(), 'is called '''//renamed// &
+                         ''' now'//renaming)
+      return
+    end if
+    list = ''
+    do k = 1, size(names)
       if (k > 1 .and. k < size(names)) list = list//', '
       if (k > 1 .and. k == size(names)) list = list//' or '
       list = list//"'"//trim(names(k))//"'"
     end do
-    renamed = present_choice(key%former_choices, lower_case(text))
-    if (any(names == lower_case(text))) then
-      value = lower_case(text)
-    else if (len(renamed) > 0) then
-      call self%complain(slot, self%group%key(slot)%shown(), 'is called '''//renamed// &
-                         ''' now'//renaming)
-    else
-      text = nearest_name(text, names)
-      if (len(text) > 0) text = "'"//text//"'"
-      call self%complain(slot, self%group%key(slot)%shown(), 'must be '//list, text)
-    end if
+    text = nearest_name(text, names)
+    if (len(text) > 0) text = "'"//text//"'"
+    call self%complain(slot, self%group%key(slot)%shown(), 'must be '//list, text)
   end subroutine read_choice
 
   subroutine read_text(self, value, key)

@@ -25,7 +25,7 @@ module dosui_formula_trials
 
   type :: trial_t
     !! What is being tried, for messages.
-    type(namelist_t) :: namelist
+    type(namelist_t) :: namelist   !! scanned once something is wrong
     type(problems_t) :: problems
     real(wp), allocatable :: time(:)   !! increasing [s]
   end type trial_t
@@ -38,22 +38,22 @@ contains
     type(model_t), intent(in) :: model
     type(problems_t), intent(inout) :: problems
     type(trial_t) :: trial
-    type(problems_t) :: known   ! to whoever read the scene
     type(ieee_status_type) :: status
     real(wp) :: origin(ndim, 1)
     integer :: k
 
-    call trial%namelist%scan(model%scene%text, model%scene%file, known)
     call ieee_get_status(status)
     call ieee_set_halting_mode(ieee_all, .false.)   ! these may be no numbers
     do k = 1, size(model%scene%mechanical_condition)
       associate (condition => model%scene%mechanical_condition(k))
+        if (.not. allocated(condition%pattern%formula)) cycle
         call try_pattern(trial, model, 'mechanical_condition', k, condition%pattern, &
                          maxval(abs(condition%value)), points_of(model, condition%surface))
       end associate
     end do
     do k = 1, size(model%scene%hydraulic_condition)
       associate (condition => model%scene%hydraulic_condition(k))
+        if (.not. allocated(condition%pattern%formula)) cycle
         call try_pattern(trial, model, 'hydraulic_condition', k, condition%pattern, &
                          condition%value, points_of(model, condition%surface))
       end associate
@@ -207,10 +207,14 @@ contains
     character(len=*), intent(in) :: group, key
     integer, intent(in) :: instance
     type(error_t), intent(inout) :: fault
+    type(problems_t) :: known   ! to whoever read the scene
     integer :: g, k
 
     call model%comm%agree(fault)
     if (.not. fault%failed()) return
+    if (trial%namelist%n_group == 0) then
+      call trial%namelist%scan(model%scene%text, model%scene%file, known)
+    end if
     g = trial%namelist%find(group, instance)
     k = trial%namelist%group(g)%find(key)
     associate (given => trial%namelist%group(g)%key(k))

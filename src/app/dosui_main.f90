@@ -94,9 +94,9 @@ contains
     integer :: purpose
 
     if (len(line%output) > 0) then
-      call read_scene(comm, line%scene, scene, problems, err, line%output)
+      call read_scene(comm, line%scene, scene, problems, err, line%output, line%is_check)
     else
-      call read_scene(comm, line%scene, scene, problems, err)
+      call read_scene(comm, line%scene, scene, problems, err, only_check=line%is_check)
     end if
     if (err%failed()) then
       if (comm%is_root()) call problems%report()

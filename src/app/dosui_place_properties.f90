@@ -48,7 +48,8 @@ contains
         value = property%at(place)
         if (ieee_is_finite(value) .and. in_range(value, range)) return
         call err%set('material '''//trim(model%scene%material(m)%name)//''': '//key//' is '// &
-                     to_text(value, 6)//', must be '//range//', at '//vector_text(place)//' m')
+                     to_text(value, 6)//', must be '//trim(range)//', at '// &
+                     vector_text(place)//' m')
       end associate
     end subroutine check
   end subroutine check_properties

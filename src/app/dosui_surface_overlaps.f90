@@ -5,7 +5,8 @@ module dosui_surface_overlaps
   use dosui_dimension, only: ndim
   use dosui_log, only: log_t
   use dosui_model, only: model_t
-  use dosui_scene, only: hydraulic_condition_t
+  use dosui_name_index, only: name_index_t
+  use dosui_scene, only: hydraulic_condition_t, scene_t
   use dosui_surface_sets, only: index_of, set_holds, set_is_empty
   use dosui_text, only: to_text, vector_text
   use dosui_wall, only: wall_t
@@ -90,27 +91,22 @@ contains
     type(model_t), intent(in) :: model
     integer, intent(in) :: kinds(:)
     type(meetings_t), intent(out) :: meetings
-    integer, allocatable :: mechanical(:), hydraulic(:), here(:)
-    integer :: p, a, b, k
+    integer, allocatable :: distinct(:), mechanical(:), hydraulic(:), here(:)
+    integer :: p, b, k
 
     allocate (meetings%key(8), meetings%id(8), meetings%count(8), meetings%place(ndim, 8))
     meetings%key = huge(1_i8)
     associate (scene => model%scene, points => model%surface)
-      mechanical = [(index_of(scene, scene%mechanical_condition(k)%surface), &
-                     k=1, size(scene%mechanical_condition))]
+      distinct = distinct_conditions(scene)
+      mechanical = [(index_of(scene, scene%mechanical_condition(distinct(k))%surface), &
+                     k=1, size(distinct))]
       hydraulic = [(index_of(scene, scene%hydraulic_condition(k)%surface), &
                     k=1, size(scene%hydraulic_condition))]
       do p = 1, points%count
         associate (set => points%field(model%s%surface)%values(:, p))
           if (set_is_empty(set)) cycle
-          here = pack([(k, k=1, size(mechanical))], &
-                      [(set_holds(set, mechanical(k)), k=1, size(mechanical))])
-          do b = 2, size(here)
-            do a = 1, b - 1
-              k = mechanical_meeting(model, here(a), here(b))
-              if (any(kinds == k)) call book(model, meetings, k, here(a), here(b), p)
-            end do
-          end do
+          here = pack(distinct, [(set_holds(set, mechanical(k)), k=1, size(mechanical))])
+          call book_mechanical(model, meetings, kinds, here, p)
           if (.not. any(kinds == two_waters)) cycle
           here = pack([(k, k=1, size(hydraulic))], &
                       [(set_holds(set, hydraulic(k)), k=1, size(hydraulic))])
@@ -123,6 +119,48 @@ contains
       end do
     end associate
   end subroutine find_meetings
+
+  function distinct_conditions(scene) result(distinct)
+    !! The mechanical conditions without loads that repeat an earlier one's kind and surface: these
+    !! meet the same others, in the same words.
+    type(scene_t), intent(in) :: scene
+    integer, allocatable :: distinct(:)
+    logical :: is_distinct(size(scene%mechanical_condition))
+    type(name_index_t) :: loads
+    integer :: k
+
+    is_distinct = .true.
+    do k = 1, size(is_distinct)
+      associate (condition => scene%mechanical_condition(k))
+        if (.not. condition%is_load()) cycle
+        is_distinct(k) = loads%find(condition%kind//condition%surface) == 0
+        if (is_distinct(k)) call loads%add(condition%kind//condition%surface, k)
+      end associate
+    end do
+    distinct = pack([(k, k=1, size(is_distinct))], is_distinct)
+  end function distinct_conditions
+
+  subroutine book_mechanical(model, meetings, kinds, here, point)
+    !! Counts one point for the meetings of its mechanical conditions. Meetings of the first kind
+    !! beyond those that are told are left out: they come in the order in which they are told, so
+    !! each that is told is among the first at every point.
+    type(model_t), intent(in) :: model
+    type(meetings_t), intent(inout) :: meetings
+    integer, intent(in) :: kinds(:)   !! the first of them is told first
+    integer, intent(in) :: here(:)    !! conditions of the point, increasing
+    integer, intent(in) :: point
+    integer :: a, b, kind, n
+
+    n = 0
+    do a = 1, size(here) - 1
+      do b = a + 1, size(here)
+        kind = mechanical_meeting(model, here(a), here(b))
+        if (any(kinds == kind)) call book(model, meetings, kind, here(a), here(b), point)
+        if (kind == kinds(1)) n = n + 1
+        if (n == most) return
+      end do
+    end do
+  end subroutine book_mechanical
 
   pure logical function differ(a, b)
     !! Do two hydraulic conditions prescribe different things?

@@ -3,6 +3,7 @@
 !! to a visitor together with the variables that they set.
 module dosui_key_visitor
   use dosui_kinds, only: wp, i8
+  use dosui_numbers, only: text_as_real
   use dosui_scalar_function, only: scalar_function_t
   use dosui_text, only: to_text
   implicit none
@@ -19,16 +20,17 @@ module dosui_key_visitor
   integer, parameter, public :: restart_content = 3   !! the path, not what the file holds
 
   type, public :: key_t
-    !! What is known about a key.
+    !! What is known about a key. Short texts have a fixed length: a scene of many groups shows
+    !! millions of keys, and most of the time would go to finding room for their texts.
     character(len=:), allocatable :: name
-    character(len=:), allocatable :: unit          !! '' for what has none
-    character(len=:), allocatable :: range         !! '' or '> 0', '>= 0 and <= 1', ...
-    character(len=:), allocatable :: choices       !! '' or the allowed texts, separated by blanks
     character(len=:), allocatable :: description   !! one line
-    character(len=:), allocatable :: only          !! '' or where it has a meaning: kind = 'given'
-    character(len=:), allocatable :: fallback      !! '' or the default in words
-    character(len=:), allocatable :: former        !! '' or what the key was called before
-    character(len=:), allocatable :: former_choices
+    character(len=8) :: unit = ''                  !! '' for what has none
+    character(len=64) :: range = ''                !! '' or '> 0', '>= 0 and <= 1', ...
+    character(len=192) :: choices = ''             !! '' or the allowed texts, separated by blanks
+    character(len=96) :: only = ''                 !! '' or where it has a meaning: kind = 'given'
+    character(len=96) :: fallback = ''             !! '' or the default in words
+    character(len=name_length) :: former = ''      !! '' or what the key was called before
+    character(len=96) :: former_choices = ''
     !! '' or pairs of a former choice and its present name, separated by blanks
     logical :: is_required = .false.
     logical :: applies = .true.                    !! is the condition `only` met in this instance?
@@ -148,13 +150,6 @@ contains
 
     key%name = name
     key%description = description
-    key%unit = ''
-    key%range = ''
-    key%choices = ''
-    key%only = ''
-    key%fallback = ''
-    key%former = ''
-    key%former_choices = ''
     if (present(unit)) key%unit = unit
     if (present(range)) key%range = range
     if (present(choices)) key%choices = choices
@@ -173,17 +168,21 @@ contains
     !! Does a number fulfil all conditions of a range like '>= 0 and < 0.5'?
     real(wp), intent(in) :: x   !! [any unit]
     character(len=*), intent(in) :: range
-    character(len=:), allocatable :: rest
+    character(len=*), parameter :: conjunction = ' and '
+    character(len=:), allocatable :: reason
     real(wp) :: bound
-    integer :: last, blank
+    integer :: first, last, blank
 
     is_in = .true.
-    rest = range
-    do while (len(rest) > 0)
-      last = index(rest//' and ', ' and ')
-      blank = index(rest, ' ')
-      read (rest(blank + 1:last - 1), *) bound
-      select case (rest(:blank - 1))
+    first = 1
+    do while (first <= len_trim(range))
+      last = index(range(first:), conjunction)
+      last = merge(first + last - 2, len_trim(range), last > 0)
+      blank = first + index(range(first:last), ' ') - 1
+      bound = 0.0_wp
+      call text_as_real(range(blank + 1:last), bound, reason)
+      is_in = is_in .and. len(reason) == 0   ! a range that is none holds for nothing
+      select case (range(first:blank - 1))
       case ('>')
         is_in = is_in .and. x > bound
       case ('>=')
@@ -193,8 +192,7 @@ contains
       case default
         is_in = is_in .and. x <= bound
       end select
-      if (last + 5 > len(rest)) exit
-      rest = rest(last + 5:)
+      first = last + len(conjunction) + 1
     end do
   end function in_range
 
@@ -204,8 +202,8 @@ contains
     integer :: k
 
     n = 0
-    if (len(choices) > 0) n = 1
-    do k = 1, len(choices)
+    if (len_trim(choices) > 0) n = 1
+    do k = 1, len_trim(choices)
       if (choices(k:k) == ' ') n = n + 1
     end do
   end function n_choice

@@ -906,12 +906,17 @@ contains
 
   pure integer function place_of(text, start, set) result(place)
     !! Place of the first character of a set, counted from the beginning of the text; just after
-    !! the text if there is none.
+    !! the text if there is none. Pieces of words and lines are searched: they are met before the
+    !! rest of a long text.
     character(len=*), intent(in) :: text, set
     integer, intent(in) :: start
+    integer, parameter :: piece = 64
+    integer :: first, found
 
-    do place = start, len(text)
-      if (index(set, text(place:place)) > 0) return
+    do first = start, len(text), piece
+      found = scan(text(first:min(first + piece - 1, len(text))), set)
+      place = first + found - 1
+      if (found > 0) return
     end do
     place = len(text) + 1
   end function place_of

@@ -77,7 +77,7 @@ contains
         associate (given => namelist%group(g)%key(slot))
           call problems%add(namelist%file, given%line, 'material', key, given%shown(), &
                             'is '//to_text(value, 6)//' at '//vector_text(place(:, p))// &
-                            ' m, must be '//range)
+                            ' m, must be '//trim(range))
         end associate
         return
       end do

@@ -120,6 +120,14 @@ contains
     end do
   end subroutine group_entries
 
+  pure logical function is_left_out(self, key)
+    !! Has a key no place in an echo? Asked before a number is written: that takes long.
+    class(writer_t), intent(in) :: self
+    type(key_t), intent(in) :: key
+
+    is_left_out = self%is_echo .and. .not. key%applies
+  end function is_left_out
+
   subroutine append(self, key, value, note)
     !! Adds an entry; without a value, a comment says what holds instead.
     class(writer_t), intent(inout) :: self
@@ -127,11 +135,11 @@ contains
     character(len=*), intent(in) :: value
     character(len=*), intent(in) :: note
 
-    if (self%is_echo .and. .not. key%applies) return
+    if (is_left_out(self, key)) return
     if (len(value) > 0) then
       call add_entry(self, key, value, note, key%name//' = '//value)
-    else if (len(key%fallback) > 0) then
-      call add_entry(self, key, value, note, '! '//key%name//': '//key%fallback)
+    else if (len_trim(key%fallback) > 0) then
+      call add_entry(self, key, value, note, '! '//key%name//': '//trim(key%fallback))
     else
       call add_entry(self, key, value, note, '! '//key%name//': '//note)
     end if
@@ -144,7 +152,7 @@ contains
     character(len=*), intent(in) :: value, note, statement
 
     if (self%is_echo) then
-      if (key%applies) call self%echo%add('  '//statement//newline)
+      call self%echo%add('  '//statement//newline)
       return
     end if
     self%n = self%n + 1
@@ -152,7 +160,7 @@ contains
       item%key = key
       item%value = value
       item%note = note
-      if (len(key%fallback) > 0) item%note = key%fallback
+      if (len_trim(key%fallback) > 0) item%note = trim(key%fallback)
       item%statement = statement
     end associate
   end subroutine add_entry
@@ -162,6 +170,7 @@ contains
     real(wp), intent(inout) :: value
     type(key_t), intent(in) :: key
 
+    if (is_left_out(self, key)) return
     call append(self, key, real_text(value), 'unlimited')
   end subroutine write_real
 
@@ -170,6 +179,7 @@ contains
     type(scalar_function_t), intent(inout) :: value
     type(key_t), intent(in) :: key
 
+    if (is_left_out(self, key)) return
     if (value%varies()) then
       call append(self, key, quoted(value%formula), '')
     else
@@ -241,6 +251,7 @@ contains
     logical :: is_limited(size(value))
     integer :: k
 
+    if (is_left_out(self, key)) return
     is_limited = abs(value) < huge(value)
     if (all(is_limited)) then
       call append(self, key, joined(value), '')

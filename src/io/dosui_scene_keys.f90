@@ -1071,7 +1071,7 @@ contains
     if (self%is_free) more(n + 1)%restart = restart_free
     more(n + 1)%kind = kind
     more(n + 1)%default = default
-    if (len(default) == 0 .and. len(key%fallback) == 0 .and. kind /= 'text') then
+    if (len(default) == 0 .and. len_trim(key%fallback) == 0 .and. kind /= 'text') then
       more(n + 1)%fallback = 'none'
     end if
     call move_alloc(more, self%key)

@@ -77,7 +77,7 @@ contains
 
   ! ---------------------------------------------------------------- the whole scene
 
-  subroutine read_scene(comm, path, scene, problems, err, directory)
+  subroutine read_scene(comm, path, scene, problems, err, directory, only_check)
     !! Reads a scene: root reads the text, all ranks parse it, so all find the same problems.
     !! Collective. The error is set when there are problems.
     type(communicator_t), intent(in) :: comm
@@ -86,6 +86,7 @@ contains
     type(problems_t), intent(inout) :: problems
     type(error_t), intent(inout) :: err
     character(len=*), intent(in), optional :: directory   !! replaces that of the scene
+    logical, intent(in), optional :: only_check   !! no result will want the scene's echo
     character(len=:), allocatable :: text, reason, stem
     type(error_t) :: read_error
     type(namelist_t), target :: namelist
@@ -101,7 +102,7 @@ contains
     stem = ''
     if (comm%is_root()) stem = default_name(absolute_path(path))
     call comm%broadcast(stem)
-    call parse_groups(text, path, scene, problems, namelist, stem, directory, comm)
+    call parse_groups(text, path, scene, problems, namelist, stem, directory, only_check, comm)
     scene%base_motion%is_given = any(abs(scene%base_motion%acceleration) > 0.0_wp)
     if (allocated(scene%base_motion%file)) call read_motion(comm, path, scene%base_motion, problems)
     if (problems%count() == 0) call check_coordinates(scene, namelist, problems)
@@ -364,7 +365,7 @@ contains
     call parse_groups(text, file, scene, problems, namelist, stem, directory)
   end subroutine parse_scene
 
-  subroutine parse_groups(text, file, scene, problems, namelist, stem, directory, comm)
+  subroutine parse_groups(text, file, scene, problems, namelist, stem, directory, only_check, comm)
     !! As `parse_scene`; keeps what was scanned, with its lines. With a communicator collective, and
     !! tables have the entries of their files.
     character(len=*), intent(in) :: text, file
@@ -372,6 +373,7 @@ contains
     type(problems_t), intent(inout) :: problems
     type(namelist_t), intent(inout), target :: namelist
     character(len=*), intent(in), optional :: stem, directory
+    logical, intent(in), optional :: only_check   !! no echo
     type(communicator_t), intent(in), optional :: comm
     type(group_t), allocatable :: groups(:)
     integer :: g
@@ -404,6 +406,9 @@ contains
     scene%mechanics%transfer = scene%transfer_in_force()
     call check_scene(scene, namelist, problems)
     call check_combinations(scene, namelist, problems)
+    if (present(only_check)) then
+      if (only_check) return
+    end if
     call write_echo(scene, scene%echo)
   end subroutine parse_groups
 
@@ -569,7 +574,8 @@ contains
     if (key%is_undecided) then
       slot = 0
     else if (.not. key%applies) then
-      call self%complain(slot, self%group%key(slot)%shown(), 'has a meaning only with '//key%only)
+      call self%complain(slot, self%group%key(slot)%shown(), &
+                         'has a meaning only with '//trim(key%only))
       slot = 0
     else if (self%group%key(slot)%n_value == 0) then
       slot = 0   ! the scan has complained already
@@ -600,7 +606,7 @@ contains
     character(len=:), allocatable :: text
 
     text = ''
-    if (len(key%unit) > 0) text = ' ['//key%unit//']'
+    if (len_trim(key%unit) > 0) text = ' ['//trim(key%unit)//']'
   end function unit_text
 
   logical function has_count(self, slot, n)
@@ -639,7 +645,7 @@ contains
       candidate = 0.0_wp
       call value%to_real(candidate, reason)
       if (len(reason) == 0 .and. .not. in_range(candidate, key%range)) then
-        reason = 'must be '//key%range
+        reason = 'must be '//trim(key%range)
       end if
       if (len(reason) == 0) then
         x = candidate
@@ -702,7 +708,7 @@ contains
       if (given%is_quoted .and. len(reason) > 0) then
         call value%parse(given%text, axis_name(axis), message, self%table)
         if (.not. (allocated(message) .or. value%varies() .or. &
-                   in_range(value%constant, key%range))) message = 'must be '//key%range
+                   in_range(value%constant, key%range))) message = 'must be '//trim(key%range)
         if (allocated(message)) call self%complain(slot, given%shown(), message//unit_text(key))
       else
         constant = value%constant
@@ -749,7 +755,7 @@ contains
       call given%to_long(candidate, reason)
       if (len(reason) == 0 .and. abs(candidate) > largest) reason = 'is too large'
       if (len(reason) == 0 .and. .not. in_range(real(candidate, wp), key%range)) then
-        reason = 'must be '//key%range
+        reason = 'must be '//trim(key%range)
       end if
       if (len(reason) == 0) then
         value = candidate
@@ -785,7 +791,7 @@ contains
 
     call self%open_key(key, slot)
     if (slot == 0) return
-    if (len(key%choices) > 0) then
+    if (len_trim(key%choices) > 0) then
       call self%choice(slot, key, value)
     else
       call self%one_text(slot, key, text, is_good)
@@ -808,24 +814,28 @@ contains
     call self%one_text(slot, key, text, is_good)
     value = ''
     if (.not. is_good) return
-    list = ''
     do k = 1, size(names)
       names(k) = choice_of(key%choices, k)
+    end do
+    if (any(names == lower_case(text))) then
+      value = lower_case(text)
+      return
+    end if
+    renamed = present_choice(key%former_choices, lower_case(text))
+    if (len(renamed) > 0) then
+      call self%complain(slot, self%group%key(slot)%shown(), 'is called '''//renamed// &
+                         ''' now'//renaming)
+      return
+    end if
+    list = ''
+    do k = 1, size(names)
       if (k > 1 .and. k < size(names)) list = list//', '
       if (k > 1 .and. k == size(names)) list = list//' or '
       list = list//"'"//trim(names(k))//"'"
     end do
-    renamed = present_choice(key%former_choices, lower_case(text))
-    if (any(names == lower_case(text))) then
-      value = lower_case(text)
-    else if (len(renamed) > 0) then
-      call self%complain(slot, self%group%key(slot)%shown(), 'is called '''//renamed// &
-                         ''' now'//renaming)
-    else
-      text = nearest_name(text, names)
-      if (len(text) > 0) text = "'"//text//"'"
-      call self%complain(slot, self%group%key(slot)%shown(), 'must be '//list, text)
-    end if
+    text = nearest_name(text, names)
+    if (len(text) > 0) text = "'"//text//"'"
+    call self%complain(slot, self%group%key(slot)%shown(), 'must be '//list, text)
   end subroutine read_choice
 
   subroutine read_text(self, value, key)

@@ -430,7 +430,7 @@ contains
       if (c%keys(k)%group /= group .or. c%keys(k)%name /= key) cycle
       value = c%keys(k)%default
       if (c%keys(k)%kind == 'vector') value = value//repeat(', '//value, ndim - 1)
-      if (len(c%keys(k)%default) == 0) value = '('//c%keys(k)%fallback//')'
+      if (len(c%keys(k)%default) == 0) value = '('//trim(c%keys(k)%fallback)//')'
     end do
   end function default_of
 

@@ -96,11 +96,11 @@ contains
 
     associate (key => entry%key)
       text = key%description
-      if (len(key%unit) > 0) text = text//' ['//key%unit//']'
-      if (len(key%range) > 0) text = text//'; '//key%range
-      if (len(key%choices) > 0) text = text//'; '//listed(key%choices, "'", ', ')
+      if (len_trim(key%unit) > 0) text = text//' ['//trim(key%unit)//']'
+      if (len_trim(key%range) > 0) text = text//'; '//trim(key%range)
+      if (len_trim(key%choices) > 0) text = text//'; '//listed(trim(key%choices), "'", ', ')
       if (key%is_required) text = text//'; required'
-      if (len(key%only) > 0) text = text//'; only with '//key%only
+      if (len_trim(key%only) > 0) text = text//'; only with '//trim(key%only)
       if (len(entry%value) == 0 .and. .not. key%is_required) text = text//'; default: '//entry%note
     end associate
   end function key_note
@@ -298,15 +298,15 @@ contains
 
     kind = key%kind
     if (kind == 'vector' .and. key%name == 'value') kind = 'vector or real'
-    default = key%fallback
+    default = trim(key%fallback)
     if (len(key%default) > 0) default = '`'//key%default//'`'
     if (key%kind == 'vector' .and. len(key%default) > 0) default = default//' each'
     if (key%is_required) default = '**required**'
-    allowed = key%range
-    if (len(key%choices) > 0) allowed = listed(key%choices, '`', ', ')
-    row = '| `'//key%name//'` | '//kind//' | '//key%unit//' | '//default//' | '//allowed//' | '// &
-          key%description
-    if (len(key%only) > 0) row = row//'. Only with '//key%only
+    allowed = trim(key%range)
+    if (len_trim(key%choices) > 0) allowed = listed(trim(key%choices), '`', ', ')
+    row = '| `'//key%name//'` | '//kind//' | '//trim(key%unit)//' | '//default//' | '// &
+          allowed//' | '//key%description
+    if (len_trim(key%only) > 0) row = row//'. Only with '//trim(key%only)
     row = row//' | '//restart_word(key)//' |'
   end function key_row
 

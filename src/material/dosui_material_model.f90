@@ -428,7 +428,7 @@ contains
       value = self%constant(self%varying(j))%at(place)
       key = self%key_of(self%varying(j))
       if (.not. (ieee_is_finite(value) .and. in_range(value, key%range))) then
-        message = key%name//' is '//to_text(value, 6)//', must be '//key%range
+        message = key%name//' is '//to_text(value, 6)//', must be '//trim(key%range)
         return
       end if
       state(m + j) = value

@@ -113,7 +113,8 @@ contains
     allocate (self%key(n))
     do j = 1, n
       self%key(j) = all(j)
-      if (len(all(j)%described%only) == 0) self%key(j)%described%only = owners(all(j)%place > 0)
+      if (len_trim(all(j)%described%only) > 0) cycle
+      self%key(j)%described%only = owners(all(j)%place > 0)
     end do
   end subroutine soil_catalogue_init
 

@@ -29,6 +29,7 @@ module dosui_cell_quadrature
   use dosui_cell_filling, only: cell_filling, filling_t
   use dosui_grid, only: grid_t
   use dosui_keys, only: pack_key
+  use dosui_region_bins, only: region_bins_t
   use dosui_scene, only: region_t
   use dosui_shape_functions, only: corner_hats
   use dosui_sort, only: binary_search
@@ -185,21 +186,28 @@ contains
     type(filling_t), allocatable, intent(out) :: whole(:)   !! (n_cell) of all regions
     type(shape_piece_t), allocatable :: piece(:)
     type(filling_t) :: part
-    integer :: c, n, r
+    type(region_bins_t) :: bins
+    integer, allocatable :: near(:)
+    real(wp) :: corner(ndim)
+    integer :: c, n, k
 
-    allocate (whole(grid%n_cell), piece(grid%n_cell + size(regions)))
+    call bins%init(regions, grid%spacing)   ! what a cell meets lies within reach of its corner
+    allocate (whole(grid%n_cell), piece(grid%n_cell + 1))
     if (allocated(self%piece_start)) deallocate (self%piece_start)
     allocate (self%piece_start(grid%n_cell + 1), source=1)
     n = 0
     do c = 1, grid%n_cell
-      if (n + size(regions) > size(piece)) piece = [piece, piece]
-      do r = 1, size(regions)
-        part = cell_filling(regions(r:r), grid%origin + grid%spacing*grid%cell_base(:, c), &
-                            grid%spacing)
+      corner = grid%origin + grid%spacing*grid%cell_base(:, c)
+      near = bins%near(corner)
+      do while (n + size(near) > size(piece))
+        piece = [piece, piece]
+      end do
+      do k = 1, size(near)
+        part = cell_filling(regions(near(k):near(k)), corner, grid%spacing)
         call whole(c)%add(part, spread(0, 1, ndim))
         if (.not. part%volume > 0.0_wp) cycle
         n = n + 1
-        piece(n) = shape_piece_t(r, part)
+        piece(n) = shape_piece_t(near(k), part)
       end do
       self%piece_start(c + 1) = n + 1
     end do

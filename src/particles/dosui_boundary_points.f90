@@ -9,6 +9,7 @@ module dosui_boundary_points
   use dosui_point_set, only: point_set_t
   use dosui_scene, only: scene_t
   use dosui_seeding, only: region_spacing
+  use dosui_region_bins, only: region_bins_t
   use dosui_shapes, only: face_t, shape_contains
   use dosui_surface_sets, only: rank_mechanical, rank_probe, set_add, surface_ranks
   implicit none
@@ -31,6 +32,7 @@ contains
     type(surface_handles_t), intent(in) :: handles
     character(len=:), allocatable, intent(inout) :: problems
     type(face_t), allocatable :: faces(:)
+    type(region_bins_t) :: bins
     logical, allocatable :: touched(:)
     real(wp), allocatable :: number(:)   ! of ranks that have points of each surface
     integer :: rank(size(scene%surface))
@@ -39,17 +41,20 @@ contains
 
     allocate (touched(size(scene%surface)), source=.false.)
     rank = surface_ranks(scene)
+    call bins%init(scene%region, scene%grid_spacing)
     id = 0_i8
     patch = 0
     do r = 1, size(scene%region)
       call region_faces(scene%region(r), region_spacing(scene, scene%region(r)), faces)
       do f = 1, size(faces)
         call end_at_boxes(scene, r, rank, faces(f))
-        call seed_face(comm, scene, r, faces(f), rank, patch, id, points, handles, touched)
+        call seed_face(comm, scene, bins, r, faces(f), rank, patch, id, points, handles, touched)
         patch = patch + 1 + size(scene%surface)
       end do
     end do
-    if (allocated(scene%barrier)) call seed_barriers(comm, scene, patch, id, points, handles)
+    if (allocated(scene%barrier)) then
+      call seed_barriers(comm, scene, bins, patch, id, points, handles)
+    end if
     number = merge(1.0_wp, 0.0_wp, touched)
     call comm%sum_array(number)
     if (handles%free > 0) then   ! free ones may come to be
@@ -101,12 +106,13 @@ contains
     call end_pieces(face, region_spacing(scene, scene%region(r)), scene%grid_spacing, low, high)
   end subroutine end_at_boxes
 
-  subroutine seed_face(comm, scene, r, face, rank, first_patch, id, points, handles, touched)
+  subroutine seed_face(comm, scene, bins, r, face, rank, first_patch, id, points, handles, touched)
     !! This rank's share of a face's pieces. A piece belongs to every surface that names it. What
     !! is free, and which pieces are one patch, follows from the surfaces that conditions use (or
     !! nothing): a probe's surface changes nothing.
     type(communicator_t), intent(in) :: comm
     type(scene_t), intent(in) :: scene
+    type(region_bins_t), intent(in) :: bins       !! of all regions
     integer, intent(in) :: r                      !! region of the face
     type(face_t), intent(in) :: face
     integer, intent(in) :: rank(:)                !! uses of the surfaces, as `surface_ranks` says
@@ -130,7 +136,7 @@ contains
     do k = first, last
       call face_piece(face, spacing, k, x, normal, area, edge)
       if (.not. area > 0.0_wp) cycle
-      if (is_interior(scene, r, x + probe_depth*spacing*normal)) cycle
+      if (is_interior(scene, bins, r, x + probe_depth*spacing*normal)) cycle
       here = pack(named, [(lies_in_box(scene, named(s), x), s=1, size(named))])
       is_free = free > 0 .and. all(rank(here) == rank_probe)
       if (is_free .and. .not. lies_on_wall(scene, x, normal, on_wall*spacing)) here = [here, free]
@@ -203,10 +209,11 @@ contains
     end associate
   end subroutine add_point
 
-  subroutine seed_barriers(comm, scene, last_patch, last_id, points, handles)
+  subroutine seed_barriers(comm, scene, bins, last_patch, last_id, points, handles)
     !! This rank's share of the two sides of barriers, as far as they lie in regions.
     type(communicator_t), intent(in) :: comm
     type(scene_t), intent(in) :: scene
+    type(region_bins_t), intent(in) :: bins   !! of all regions
     integer, intent(in) :: last_patch         !! given out so far
     integer(i8), intent(in) :: last_id        !! likewise
     type(point_set_t), intent(inout) :: points
@@ -226,7 +233,7 @@ contains
           id = id + 1_i8
           if (mod(k, comm%size) /= comm%rank) cycle
           if (.not. faces(f)%contains(x)) cycle
-          r = region_at(scene, x)
+          r = region_at(scene, bins, x)
           if (r == 0) cycle
           call add_point(scene, r, id, x, real(side, wp)*faces(f)%normal, &
                          product(faces(f)%piece(:max(1, ndim - 1))), [-f], &
@@ -236,30 +243,36 @@ contains
     end do
   end subroutine seed_barriers
 
-  pure integer function region_at(scene, position) result(region)
+  pure integer function region_at(scene, bins, position) result(region)
     !! The region that holds a position, 0 for none.
     type(scene_t), intent(in) :: scene
+    type(region_bins_t), intent(in) :: bins  !! of all regions
     real(wp), intent(in) :: position(ndim)   !! [m]
-    integer :: r
+    integer :: k
 
     region = 0
-    do r = 1, size(scene%region)
-      if (shape_contains(scene%region(r), position, 0.0_wp)) region = r
-    end do
+    associate (near => bins%near(position))
+      do k = 1, size(near)
+        if (shape_contains(scene%region(near(k)), position, 0.0_wp)) region = near(k)
+      end do
+    end associate
   end function region_at
 
-  pure logical function is_interior(scene, r, outside) result(interior)
+  pure logical function is_interior(scene, bins, r, outside) result(interior)
     !! Does a position just outside a region lie inside another one?
     type(scene_t), intent(in) :: scene
+    type(region_bins_t), intent(in) :: bins   !! of all regions
     integer, intent(in) :: r
     real(wp), intent(in) :: outside(ndim)
-    integer :: other
+    integer :: k
 
     interior = .false.
-    do other = 1, size(scene%region)
-      if (other == r) cycle
-      if (shape_contains(scene%region(other), outside, 0.0_wp)) interior = .true.
-    end do
+    associate (near => bins%near(outside))
+      do k = 1, size(near)
+        if (near(k) == r) cycle
+        if (shape_contains(scene%region(near(k)), outside, 0.0_wp)) interior = .true.
+      end do
+    end associate
   end function is_interior
 
   pure function surfaces_of(scene, r, face) result(surfaces)

@@ -11,6 +11,7 @@ module dosui_seeding
   use dosui_point_set, only: point_set_t
   use dosui_random, only: hash_uniform
   use dosui_scene, only: region_t, scene_t
+  use dosui_region_bins, only: region_bins_t
   use dosui_shapes, only: shape_bounds, shape_contains, shape_measure, turned
   implicit none
   private
@@ -132,10 +133,12 @@ contains
     real(wp), allocatable :: volume(:)
     real(wp) :: spacing
     type(lattice_t) :: lattice
-    integer :: r, k
+    integer :: last(0:size(scene%region)), r, k   ! last particle of each region
 
     first_id = 0_i8
+    last = 0
     do r = 1, size(scene%region)
+      last(r) = last(r - 1)
       spacing = region_spacing(scene, scene%region(r))
       lattice = region_lattice(scene%region(r), spacing, scene%grid_spacing)
       if (allocated(scene%region(r)%particle)) then
@@ -154,19 +157,52 @@ contains
                    "' holds no particle: it is smaller than the particle spacing"//new_line('a')
         cycle
       end if
-      if (comm%any(overlaps(scene%region, r, spacing, position, &
-                            particles%field(handles%position)%values(:, 1:particles%count)))) then
-        problems = problems//"&region '"//trim(scene%region(r)%name)// &
-                   "' overlaps an earlier region"//new_line('a')
-      end if
       volume = spread(shape_measure(scene%region(r))/real(total, wp), 1, size(id))
       if (allocated(scene%region(r)%particle_volume)) volume = scene%region(r)%particle_volume(id)
       ! Shares are in lattice order, so ranks before this one hold the lower identities.
       id = first_id + comm%prefix_sum(int(size(id), i8)) + [(int(k, i8), k=1, size(id))]
       call append(particles, handles, scene, r, position, id, volume)
       first_id = first_id + total
+      last(r) = particles%count
     end do
+    call tell_overlaps(comm, scene, last, &
+                       particles%field(handles%position)%values(:, 1:particles%count), problems)
   end subroutine seed_regions
+
+  subroutine tell_overlaps(comm, scene, last, position, problems)
+    !! Regions of which a particle lies inside an earlier region, or that hold one of an earlier
+    !! region, are problems, one a line. Collective.
+    type(communicator_t), intent(in) :: comm
+    type(scene_t), intent(in) :: scene
+    integer, intent(in) :: last(0:)          !! particle of each region, in the order of the regions
+    real(wp), intent(in) :: position(:, :)   !! of all particles (ndim, n) [m]
+    character(len=:), allocatable, intent(inout) :: problems
+    type(region_bins_t) :: bins
+    integer, allocatable :: near(:)
+    real(wp) :: overlapping(size(scene%region)), margin   ! more than 0: it does
+    integer :: r, p, k, later
+
+    overlapping = 0.0_wp
+    call bins%init(scene%region, scene%grid_spacing)
+    do r = 1, size(scene%region)
+      do p = last(r - 1) + 1, last(r)
+        near = bins%near(position(:, p))
+        do k = 1, size(near)
+          if (near(k) == r) cycle
+          later = max(r, near(k))
+          margin = 1.0e-6_wp*region_spacing(scene, scene%region(later))
+          if (shape_contains(scene%region(near(k)), position(:, p), margin)) then
+            overlapping(later) = 1.0_wp
+          end if
+        end do
+      end do
+    end do
+    call comm%sum_array(overlapping)
+    do r = 1, size(scene%region)
+      if (overlapping(r) > 0.0_wp) problems = problems//"&region '"// &
+                   trim(scene%region(r)%name)//"' overlaps an earlier region"//new_line('a')
+    end do
+  end subroutine tell_overlaps
 
   subroutine seed_lattice(comm, region, lattice, spacing, position, id)
     !! This rank's share of a lattice: positions and lattice numbers from 1.
@@ -248,26 +284,6 @@ contains
     end do
     moved = position
   end function jittered
-
-  pure logical function overlaps(regions, current, spacing, position, earlier) result(overlap)
-    !! Does a particle of this region lie inside an earlier one, or one of theirs in this one?
-    type(region_t), intent(in) :: regions(:)
-    integer, intent(in) :: current
-    real(wp), intent(in) :: spacing
-    real(wp), intent(in) :: position(:, :)   !! of this region [m]
-    real(wp), intent(in) :: earlier(:, :)    !! of the regions before [m]
-    integer :: r, p
-
-    overlap = .false.
-    do r = 1, current - 1
-      do p = 1, size(position, 2)
-        if (shape_contains(regions(r), position(:, p), 1.0e-6_wp*spacing)) overlap = .true.
-      end do
-    end do
-    do p = 1, size(earlier, 2)
-      if (shape_contains(regions(current), earlier(:, p), 1.0e-6_wp*spacing)) overlap = .true.
-    end do
-  end function overlaps
 
   subroutine append(particles, handles, scene, r, position, id, volume)
     !! Adds the particles of a region to the set.

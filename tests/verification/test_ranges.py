@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import resource
 from decimal import Decimal
 
 import numpy as np
@@ -277,3 +278,34 @@ def test_many_groups(dosui: Runner) -> None:
     run = dosui(many(100000), "--check", folder="many", timeout=60)
     assert run.status == 2
     assert run.stderr.count("unknown key") == 10000
+
+
+@pytest.mark.parametrize(("regions", "loads"), [(4000, 1), (1, 50000)])
+def test_setup_is_linear_in_groups(dosui: Runner, regions: int, loads: int) -> None:
+    """Thousands of regions, or loads on one surface: seconds, where every pair took 25 s."""
+    bodies = "\n".join(
+        f"&region name = 'b{k}' material = 's' box_min = {4 * (k % 100)}, {4 * (k // 100)} "
+        f"box_max = {4 * (k % 100) + 2}, {4 * (k // 100) + 2} /"
+        for k in range(regions)
+    )
+    load = "&mechanical_condition surface = 'top' kind = 'pressure' value = 1 /\n"
+    before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
+    run = dosui(
+        f"""
+&scene dimension = 2 integrator = 'explicit' water = 'none' /
+&grid spacing = 1.0 /
+&time end_time = 1 /
+&material name = 's' young_modulus = 1e6 porosity = 0.3 /
+{bodies}
+&surface name = 'top' region = 'b0' face = 'z+' /
+&surface name = 'base' region = 'b0' face = 'z-' /
+&mechanical_condition surface = 'base' kind = 'roller' /
+{load * loads}
+&output name = 'r' /
+""",
+        "--check",
+    )
+    assert run.status == 0, run.stderr
+    assert f"particles    {16 * regions} (2-D), surface points {16 * regions}" in run.stdout
+    assert run.stdout.count("load         top: pressure, total force (0, -2) N/m") == loads
+    assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before < 8.0

@@ -88,7 +88,8 @@ contains
       balance%stored = balance%stored + sum(content)
       balance%moved = balance%moved + sum(abs(content))
       if (.not. model%rigid) then
-        volume = model%water_weight(1:n)*model%volume_strain(1:n)*mean_saturation(model, before, after)
+        volume = model%water_weight(1:n)*model%volume_strain(1:n)* &
+                 mean_saturation(model, before, after)
         balance%squeezed = balance%squeezed - sum(volume)
         balance%moved = balance%moved + sum(abs(volume))
       end if

@@ -34,7 +34,7 @@ contains
     integer, intent(in) :: n
     integer, intent(in) :: cell(n)
     real(wp), intent(in) :: position(ndim, n)   !! [m]
-    real(wp), intent(in) :: centre(:, :)        !! (ndim, n_cell) X from the cell's low corner [cells]
+    real(wp), intent(in) :: centre(:, :)        !! (ndim, n_cell) X from a cell's corner [cells]
     real(wp), intent(inout) :: weight(n)        !! [m3]
     real(wp), allocatable :: place(:, :), slope(:, :), factor(:), way(:, :)
     logical, allocatable :: is_done(:)

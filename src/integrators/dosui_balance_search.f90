@@ -66,14 +66,14 @@ contains
     associate (operator => model%head_operator)
       do i = 1, operator%n_row
         do k = operator%row_start(i), operator%row_start(i + 1) - 1
-          given = 0.5_wp*model%weight(i)*exchange(model, operator, i, k)
+          given = 0.5_wp*model%water_weight(i)*exchange(model, operator, i, k)
           pairs(i) = pairs(i) + given
           pairs(operator%column(k)) = pairs(operator%column(k)) + given
         end do
         do k = operator%boundary_start(i), operator%boundary_start(i + 1) - 1
           s = surface_of(model, operator%boundary_point(k))
           if (is_contact(model, place(i))) s = place(i)
-          rate(s) = rate(s) + model%weight(i)*boundary_exchange(model, operator, i, k)
+          rate(s) = rate(s) + model%water_weight(i)*boundary_exchange(model, operator, i, k)
         end do
       end do
       call model%particle_map%scatter_add(model%comm, 1, pairs)

@@ -103,7 +103,7 @@ contains
     real(wp), allocatable :: nodal(:, :), change(:, :), none(:)
     integer :: p
 
-    call sum_places(model, centre)
+    call sum_places(model, model%weight, centre)
     call model%average%cell_means(model%comm, model%grid, ndim, centre)
     associate (field => model%particles%field, h => model%p, n => model%particles%count)
       allocate (nodal(n_nodal_row, model%grid%n_node), change(nsig, n), none(n))
@@ -160,11 +160,13 @@ contains
   end subroutine add_wall
 
   subroutine find_group_centres(model, centre)
-    !! Middles of the particles of every cell's group. Collective.
+    !! Middles of the water's weights in every cell's group. Collective.
     type(model_t), intent(inout) :: model
     real(wp), intent(out) :: centre(:, :)     !! (ndim, n_cell) [m]
 
-    call sum_places(model, centre)
+    centre = 0.0_wp
+    if (.not. model%coupled) return
+    call sum_places(model, model%water_weight, centre)
     call model%average%group_means(model%comm, model%grid, ndim, centre)
   end subroutine find_group_centres
 
@@ -201,16 +203,17 @@ contains
     end do
   end subroutine find_middles
 
-  subroutine sum_places(model, sums)
+  subroutine sum_places(model, weight, sums)
     !! Weights times positions of this rank's particles in every cell.
     type(model_t), intent(in) :: model
+    real(wp), intent(in) :: weight(:)     !! of the particles [m3]
     real(wp), intent(out) :: sums(:, :)   !! (ndim, n_cell) [m4]
     real(wp) :: one(size(sums, 2))
     integer :: a
 
     associate (n => model%particles%count)
       do a = 1, ndim
-        call cell_sums(n, model%cell, model%weight, &
+        call cell_sums(n, model%cell, weight, &
                        model%particles%field(model%p%position)%values(a, 1:n), size(one), one)
         sums(a, :) = one
       end do

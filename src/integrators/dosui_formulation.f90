@@ -126,7 +126,7 @@ contains
 
     call find_flow(model, stage%time, stage%start + pressure, water)
     call system%stored_by_projection(pressure, stored)
-    water = stage%supply + stage%flow_weight*water - stored - model%weight* &
+    water = stage%supply + stage%flow_weight*water - stored - model%water_weight* &
             (content_change(model, stage%start, stage%start + pressure) - &
              model%storage%compressibility*pressure)
   end subroutine missing_in_place

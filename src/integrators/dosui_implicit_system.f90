@@ -603,7 +603,7 @@ contains
           bearing = saturation + pressure*retention%capacity(pressure)
         end associate
       end if
-      change = model%weight(k)*operators%volume(:, p)
+      change = model%water_weight(k)*operators%volume(:, p)
       if (keeps_all) then
         do i = 1, size(change)
           if (.not. abs(change(i)) > 0.0_wp) cycle
@@ -890,7 +890,7 @@ contains
 
     associate (operator => model%head_operator, row => self%unknowns%particle_row)
       do i = 1, operator%n_row
-        weight = model%weight(i)/model%scene%water%unit_weight
+        weight = model%water_weight(i)/model%scene%water%unit_weight
         diagonal = 0.0_wp
         do k = operator%row_start(i), operator%row_start(i + 1) - 1
           diagonal = diagonal + operator%coefficient(k)
@@ -925,9 +925,9 @@ contains
                               model%point_relative, model%scene%water%unit_weight, entry, diagonal)
       do i = 1, operator%n_row
         do k = operator%row_start(i), operator%row_start(i + 1) - 1
-          call storage%add(row(i), row(operator%column(k)), -model%weight(i)*entry(k))
+          call storage%add(row(i), row(operator%column(k)), -model%water_weight(i)*entry(k))
         end do
-        call storage%add(row(i), row(i), -model%weight(i)*diagonal(i))
+        call storage%add(row(i), row(i), -model%water_weight(i)*diagonal(i))
       end do
     end associate
   end subroutine add_relative_flow
@@ -960,7 +960,7 @@ contains
             - model%storage%compressibility
     do p = 1, n
       call storage%add(self%unknowns%particle_row(p), self%unknowns%particle_row(p), &
-                       model%weight(p)*added(p))
+                       model%water_weight(p)*added(p))
       call coupling%add(self%unknowns%particle_row(p), self%unknowns%particle_row(p), 0.0_wp)
     end do
   end subroutine add_capacity
@@ -977,7 +977,7 @@ contains
     integer :: n, b, c, i, j, p, q
 
     n = model%particles%count
-    associate (row => self%unknowns%particle_row, w => model%weight)
+    associate (row => self%unknowns%particle_row, w => model%water_weight)
       if (.not. model%storage%projected) then
         do p = 1, n
           call storage%add(row(p), row(p), w(p)*model%storage%compressibility(p))

@@ -116,6 +116,7 @@ module dosui_model
     real(wp), allocatable :: shift(:, :)
     !! (ndim, n_node) constant forces where surfaces cut cells (`dosui_cut_weight`) [N]
     real(wp), allocatable :: weight(:)                !! of particles in integrals [m3]
+    real(wp), allocatable :: water_weight(:)   !! likewise, of the water: centred in cells [m3]
     real(wp), allocatable :: volume_strain(:)         !! of the step, as the water sees it [-]
     logical :: inertia_drives = .false.               !! the water's inertia counts in Darcy's law
     real(wp), allocatable :: mobility(:, :)

@@ -135,7 +135,7 @@ contains
     real(wp) :: mean(model%grid%n_cell), stress(nsig, model%grid%n_cell)
     integer :: a
 
-    call cell_sums(size(pressure), model%cell, model%weight, pressure, size(mean), mean)
+    call cell_sums(size(pressure), model%cell, model%water_weight, pressure, size(mean), mean)
     call model%average%group_means(model%comm, model%grid, 1, mean)
     stress = 0.0_wp
     do a = 1, n_volume
@@ -165,7 +165,7 @@ contains
     real(wp), intent(in) :: expected(:)   !! volume changes of the projection [m3]
 
     associate (unmet => model%particles%field(model%p%unmet_volume)%values, n => size(expected))
-      unmet(1, 1:n) = model%weight(1:n)*model%volume_strain(1:n) - expected
+      unmet(1, 1:n) = model%water_weight(1:n)*model%volume_strain(1:n) - expected
     end associate
   end subroutine note_unmet
 
@@ -294,7 +294,7 @@ contains
     call set_surface_data(model, model%clock%time + model%clock%dt)
     call water_rate(model, pressure, supply)
     call add_sources(model, model%clock%time + model%clock%dt, supply, inflow)
-    supply = model%clock%dt*model%weight*supply
+    supply = model%clock%dt*model%water_weight*supply
     call model%timers%stop(model%phase%water)
   end subroutine find_supply
 

@@ -177,10 +177,10 @@ contains
     real(wp), intent(out) :: pressure(:)
 
     if (model%unsaturated) then
-      call cell_sums(model%particles%count, model%cell, model%weight, bearing_pressure(model), &
-                     model%grid%n_cell, pressure)
+      call cell_sums(model%particles%count, model%cell, model%water_weight, &
+                     bearing_pressure(model), model%grid%n_cell, pressure)
     else
-      call cell_sums(model%particles%count, model%cell, model%weight, &
+      call cell_sums(model%particles%count, model%cell, model%water_weight, &
                      model%particles%field(model%p%pore_pressure)%values, model%grid%n_cell, &
                      pressure)
     end if

@@ -117,7 +117,7 @@ contains
     associate (not_used => self, nor => err)
     end associate
     call missing_in_place(system, model, stage, pressure, water)
-    water = water - model%weight*model%volume_strain* &
+    water = water - model%water_weight*model%volume_strain* &
             mean_saturation(model, stage%start, stage%start + pressure)
   end subroutine small_find_missing_water
 

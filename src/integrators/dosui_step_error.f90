@@ -112,7 +112,7 @@ contains
     real(wp) :: squeezed(size(stored))
 
     call system%stored_by_projection(pressure, stored)
-    if (model%unsaturated) stored = stored + model%weight*pressure* &
+    if (model%unsaturated) stored = stored + model%water_weight*pressure* &
                                     (compressibility_at(model, state) - &
                                      model%storage%compressibility)
     if (model%rigid) return

@@ -4,6 +4,7 @@ module dosui_topology
   use dosui_kinds, only: wp, i8
   use dosui_dimension, only: ndim, nsig, nshear
   use dosui_barriers, only: cut_neighbours, cut_points
+  use dosui_centred_weights, only: centre_weights
   use dosui_cell_average, only: cell_sums
   use dosui_cut_weight, only: build_shift
   use dosui_error, only: error_t
@@ -681,6 +682,7 @@ contains
       else
         model%weight = volume(1, 1:n)
       end if
+      call set_water_weights()
       if (model%outer_pressure%acts) model%pressed_volume = volume(1, 1:n)
       if (model%averaged .or. model%coupled) then
         call set_average(model%quadrature%group)
@@ -688,6 +690,20 @@ contains
     end associate
 
   contains
+
+    subroutine set_water_weights()
+      !! In small strains means of the water are those of the cells' centroids.
+      real(wp) :: centre(ndim, model%grid%n_cell)
+
+      if (.not. model%coupled) return
+      model%water_weight = model%weight
+      if (.not. (model%centred .and. model%quadrature%exact)) return
+      if (model%finite .or. model%rigid) return
+      call model%quadrature%find_centres(model%grid, centre)
+      call centre_weights(model%comm, model%grid, model%particles%count, model%cell, &
+                          model%particles%field(model%p%position)%values, centre, &
+                          model%water_weight)
+    end subroutine set_water_weights
 
     subroutine set_average(group)
       !! Weights of cells, and of groups where there are any.
@@ -902,7 +918,7 @@ contains
       real(wp), intent(in) :: values(:)
       real(wp), intent(inout) :: cell_means(:, :), block_means(:, :)
 
-      call cell_sums(n, model%cell, model%weight, values, model%grid%n_cell, sums)
+      call cell_sums(n, model%cell, model%water_weight, values, model%grid%n_cell, sums)
       call model%average%block_means(model%comm, model%grid, 1, sums, block_means)
       call model%average%group_means(model%comm, model%grid, 1, sums)
       cell_means(1, :) = sums

@@ -157,7 +157,7 @@ contains
       call system%stored_by_projection(pressure, stored)
       pores = 0.5_wp + 0.5_wp*self%porosity*self%volume/ &
               (field(h%porosity)%values(1, 1:n)*field(h%volume)%values(1, 1:n))
-      water = stage%supply + a*water - stored - model%weight* &
+      water = stage%supply + a*water - stored - model%water_weight* &
               (pores*content_change(model, stage%start, stage%start + pressure) - &
                model%storage%compressibility*pressure)
       water = water - model%filling*mean_saturation(model, stage%start, stage%start + pressure)* &

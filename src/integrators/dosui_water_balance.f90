@@ -83,12 +83,13 @@ contains
     real(wp) :: content(size(before)), volume(size(before))   ! changes of the step [m3]
 
     associate (balance => model%balance, n => size(before))
-      content = model%weight(1:n)*content_change(model, before, after)
+      content = model%water_weight(1:n)*content_change(model, before, after)
       balance%inflow = balance%inflow + inflow
       balance%stored = balance%stored + sum(content)
       balance%moved = balance%moved + sum(abs(content))
       if (.not. model%rigid) then
-        volume = model%weight(1:n)*model%volume_strain(1:n)*mean_saturation(model, before, after)
+        volume = model%water_weight(1:n)*model%volume_strain(1:n)* &
+                 mean_saturation(model, before, after)
         balance%squeezed = balance%squeezed - sum(volume)
         balance%moved = balance%moved + sum(abs(volume))
       end if
@@ -106,7 +107,7 @@ contains
 
     softness = 0.0_wp
     if (.not. model%rigid) softness = 1.0_wp/model%skeleton_modulus
-    volume = sum(model%weight(1:size(pressure))*abs(pressure)* &
+    volume = sum(model%water_weight(1:size(pressure))*abs(pressure)* &
                  (model%storage%compressibility(1:size(pressure)) + softness))
     do p = 1, model%surface%count
       if (model%hydraulic_conditions%condition(p) == 0) cycle

@@ -170,7 +170,7 @@ contains
       allocate (supply(n), source=0.0_wp)
       call model%sources%add_water(n, model%particles%field(model%p%position)%values, time, supply)
       rate(1:n) = rate(1:n) + supply
-      supplied = dot_product(model%weight(1:n), supply)
+      supplied = dot_product(model%water_weight(1:n), supply)
     end if
     call inflow_rate(model, supplied, inflow)
   end subroutine add_sources
@@ -189,7 +189,7 @@ contains
     call water_rate(model, pressure, flow)
     call add_sources(model, time, flow, through)
     if (present(inflow)) inflow = through
-    flow = flow*model%weight
+    flow = flow*model%water_weight
     call model%timers%stop(model%phase%water)
   end subroutine find_flow
 
@@ -241,7 +241,7 @@ contains
     n = model%particles%count
     if (model%storage%projected) then
       allocate (sums(model%grid%n_cell), block(model%grid%n_block))
-      call cell_sums(n, model%cell, model%weight, rate, &
+      call cell_sums(n, model%cell, model%water_weight, rate, &
                      model%grid%n_cell, sums)
       call model%average%block_means(model%comm, model%grid, 1, sums, block)
       call model%average%group_means(model%comm, model%grid, 1, sums)

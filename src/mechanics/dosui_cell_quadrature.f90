@@ -80,6 +80,7 @@ module dosui_cell_quadrature
     procedure :: init_from_shapes => cell_quadrature_init_from_shapes
     procedure :: init_from_particles => cell_quadrature_init_from_particles
     procedure :: weigh => cell_quadrature_weigh
+    procedure :: find_centres => cell_quadrature_find_centres
     procedure :: is_unseen => cell_quadrature_is_unseen
     procedure :: strain_operator => cell_quadrature_strain_operator
     procedure :: slopes => cell_quadrature_slopes
@@ -449,6 +450,27 @@ contains
       weight(p) = volume(p)*(self%measure(cell(p))/sums(cell(p)))
     end do
   end subroutine cell_quadrature_weigh
+
+  pure subroutine cell_quadrature_find_centres(self, grid, centre)
+    !! Centroids of hosts with the parts that joined them, in the cells where this rank has
+    !! particles. From shapes only.
+    class(cell_quadrature_t), intent(in) :: self
+    type(grid_t), intent(in) :: grid
+    real(wp), intent(out) :: centre(ndim, grid%n_cell)   !! from the cell's low corner [cells]
+    integer :: c, host
+
+    if (self%fitted) then
+      centre = 0.5_wp
+      return
+    end if
+    centre = 0.0_wp
+    do c = 1, grid%n_cell
+      host = self%host(c)
+      centre(:, host) = centre(:, host) + self%share(c)* &
+                        (self%centroid(:, c) + &
+                         real(grid%cell_base(:, c) - grid%cell_base(:, host), wp))
+    end do
+  end subroutine cell_quadrature_find_centres
 
   elemental logical function cell_quadrature_is_unseen(self, grid, cell, least) result(is_unseen)
     !! Is a cell of exact measures filled by so much, but without particle?

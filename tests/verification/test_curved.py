@@ -77,6 +77,18 @@ def test_de_leeuw(dosui: Runner, nu: float, region: str) -> None:
     assert coarse[0][0] / fine[0][0] >= 2.0**1.5
 
 
+def test_de_leeuw_off_the_grid(dosui: Runner) -> None:
+    """Grid lines anywhere: the lattice's middles then lie off those of all cells alike."""
+    aligned = scene(2, 0.05, 0.0)
+    moved = aligned.replace("&grid", "&grid origin = 0.0185, 0.0285")
+    on, off = (
+        errors(dosui(text, folder=name), "de_leeuw", solution(2, 0.0))
+        for name, text in (("on", aligned), ("off", moved))
+    )
+    for aligned_errors, moved_errors in zip(on, off, strict=True):
+        assert moved_errors.max() <= 1.5 * aligned_errors.max()
+
+
 @pytest.mark.parametrize(
     "region",
     [

@@ -105,6 +105,19 @@ def test_a_sound_scene_warns_of_nothing(dosui: Runner) -> None:
             r":2: &grid shape_function = 'linear': .*gimp",
         ),
         ({"scene": "deformation = 'updated'", "integrator": "explicit", "end": "1.0"}, None),
+        (
+            {
+                "grid": "origin = 0.05, 0.05",
+                "more": "&mechanics average_volume_change = .false. /",
+            },
+            r":7: &mechanics average_volume_change = .false.: .*integrated by particles",
+        ),
+        (
+            {"grid": "origin = 0.05, 0.05", "more": "&mechanics coupling_gradient = 'particle' /"},
+            r":7: &mechanics coupling_gradient = 'particle': .*integrated by particles",
+        ),
+        ({"grid": "origin = 0.05, 0.05"}, None),
+        ({"more": "&mechanics coupling_gradient = 'particle' /"}, None),
     ],
 )
 def test_one_warning(dosui: Runner, changes: dict[str, str], expected: str | None) -> None:

@@ -195,3 +195,28 @@ def test_domains_follow_the_deformation(dosui: Runner) -> None:
         heights[shape] = z
         assert np.abs(z - exact).max() <= 1e-2 * 0.5 / rate
     assert np.abs(heights["gimp"] - heights["cpgimp"]).max() > 1e-5
+
+
+@pytest.mark.parametrize("shape", ["gimp", "bspline"])
+def test_pressed_box_stays_as_it_is(dosui: Runner, shape: str) -> None:
+    """The patch test of moving bodies: jittered, off the grid, under pressure from all sides."""
+    faces = {"left": "x-", "right": "x+", "base": "z-", "top": "z+"}
+    sides = "\n".join(
+        f"&surface name = '{name}' region = 'box' face = '{face}' /\n"
+        f"&mechanical_condition surface = '{name}' kind = 'pressure' value = 1.0e4 /"
+        for name, face in faces.items()
+    )
+    run = dosui(f"""
+&scene dimension = 2 water = 'none' deformation = 'updated' gravity = 0.0, 0.0 /
+&grid spacing = 0.125 shape_function = '{shape}' /
+&time end_time = 100.0 maximum_steps = 200 /
+&material name = 'soil' young_modulus = 1.0e6 poisson_ratio = 0.3 /
+&region name = 'box' material = 'soil' box_min = 0.03, 0.051 box_max = 0.83, 1.051 jitter = 0.25 /
+{sides}
+&initial_state effective_stress = 'given' effective_stress_value = 3*-1.0e4, 3*0.0 /
+&output name = 'box' /
+""")
+    assert run.status == 0, run.stderr + run.stdout
+    fields = run.fields("box")
+    assert np.abs(fields["effective_stress"][:, :3] + 1.0e4).max() <= 1e-12 * 1.0e4
+    assert np.abs(fields["displacement"]).max() <= 1e-13

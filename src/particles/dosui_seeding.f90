@@ -200,7 +200,7 @@ contains
     call comm%sum_array(overlapping)
     do r = 1, size(scene%region)
       if (overlapping(r) > 0.0_wp) problems = problems//"&region '"// &
-                   trim(scene%region(r)%name)//"' overlaps an earlier region"//new_line('a')
+                           trim(scene%region(r)%name)//"' overlaps an earlier region"//new_line('a')
     end do
   end subroutine tell_overlaps
 

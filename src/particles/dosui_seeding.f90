@@ -199,8 +199,9 @@ contains
     end do
     call comm%sum_array(overlapping)
     do r = 1, size(scene%region)
-      if (overlapping(r) > 0.0_wp) problems = problems//"&region '"// &
-                   trim(scene%region(r)%name)//"' overlaps an earlier region"//new_line('a')
+      if (.not. overlapping(r) > 0.0_wp) cycle
+      problems = problems//"&region '"//trim(scene%region(r)%name)// &
+                 "' overlaps an earlier region"//new_line('a')
     end do
   end subroutine tell_overlaps
 

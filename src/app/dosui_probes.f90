@@ -254,7 +254,7 @@ contains
 
     call set_surface_data(model, model%clock%time)
     call surface_elevation(model, elevation)
-    associate (conditions => model%hydraulic_conditions)
+    associate (conditions => model%water%hydraulic_conditions)
       do k = 1, size(points)
         if (conditions%kind(points(k)) /= kind_head) cycle
         is_known(k) = .true.
@@ -319,7 +319,7 @@ contains
     real(wp) :: sums(n_sum)
 
     associate (x => model%particles%field(model%p%position)%values(:, 1:size(values)))
-      sums = fit_sums(point, model%spacing, x, values)
+      sums = fit_sums(point, model%scales%spacing, x, values)
     end associate
     call model%comm%sum_array(sums)
     value = fitted_value(sums)
@@ -334,7 +334,7 @@ contains
     n = 0
     do p = 1, model%particles%count
       associate (x => model%particles%field(model%p%position)%values(:, p))
-        if (norm2(x - point) < fit_radius*model%spacing) n = n + 1
+        if (norm2(x - point) < fit_radius*model%scales%spacing) n = n + 1
       end associate
     end do
     n = model%comm%sum(n)

@@ -47,8 +47,8 @@ contains
     !! Warnings: nodes beside cut cells that no well-filled node leads, or none in some direction.
     type(model_t), intent(inout) :: model
 
-    if (.not. model%extension%is_on) return
-    associate (extension => model%extension)
+    if (.not. model%mesh%extension%is_on) return
+    associate (extension => model%mesh%extension)
       if (extension%n_short > 0) then
         call model%log%warning(to_text(extension%n_short)//' nodes beside cut cells have '// &
                                'well-filled nodes in some directions only, the first at '// &
@@ -70,12 +70,12 @@ contains
     integer(i8) :: first
     integer :: c, n
 
-    if (.not. model%quadrature%exact .or. model%quadrature%fitted) return
+    if (.not. model%mesh%quadrature%exact .or. model%mesh%quadrature%fitted) return
     n = 0
     first = huge(first)
     do c = 1, model%grid%n_cell
       if (.not. model%grid%cell_map%is_owned(c)) cycle
-      if (.not. model%quadrature%is_unseen(model%grid, c, least_filled)) cycle
+      if (.not. model%mesh%quadrature%is_unseen(model%grid, c, least_filled)) cycle
       n = n + 1
       first = min(first, model%grid%cell_key(c))
     end do

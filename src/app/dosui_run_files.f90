@@ -70,7 +70,7 @@ contains
     call tell_next_row(self, model)
     call define_history(self%history, model, err)
     layout%n_step_max = size(model%clock%output_time) + 2
-    layout%n_point = model%comm%sum(int(model%particles%count, i8)) + model%removed
+    layout%n_point = model%comm%sum(int(model%particles%count, i8)) + model%decomposition%removed
     layout%field = result_fields(model)
     layout%history = self%history%column
     layout%history_capacity = int(min(real(first_room, wp), &
@@ -252,9 +252,12 @@ contains
                       keeps_previous)
     call writer%write_values(model%comm, 'clock', &
                              [model%clock%time, real(model%clock%step, wp), &
-                              real(model%clock%output, wp), self%next_history, model%movement, &
-                              real(model%removed, wp), real(model%brick_edge, wp), &
-                              model%density, model%next_dt, model%pressure_scale], err)
+                              real(model%clock%output, wp), self%next_history, &
+                              model%decomposition%movement, &
+                              real(model%decomposition%removed, wp), &
+                              real(model%decomposition%brick_edge, wp), &
+                              model%scales%density, model%next_dt, &
+                              model%scales%pressure_scale], err)
     call writer%write_values(model%comm, 'integrator', memory, err)
     call writer%write_of_ranks(model%comm, 'balance', balance_of_rank(model), err)
     call writer%write_values(model%comm, 'bricks', brick_table(model), err)
@@ -337,12 +340,12 @@ contains
     model%clock%step = nint(clock(2), i8)
     model%clock%output = count(model%clock%output_time <= clock(1)*(1.0_wp + 1.0e-12_wp))
     self%next_history = clock(4)
-    model%movement = clock(5)
-    model%removed = int(clock(6), i8)
-    model%brick_edge = nint(clock(7))
-    model%density = clock(8)
+    model%decomposition%movement = clock(5)
+    model%decomposition%removed = int(clock(6), i8)
+    model%decomposition%brick_edge = nint(clock(7))
+    model%scales%density = clock(8)
     model%next_dt = clock(9)
-    model%pressure_scale = clock(10)
+    model%scales%pressure_scale = clock(10)
     call take_balance(model, balance)
     if (same_ranks) call take_bricks(model, bricks)
   end subroutine run_files_read_checkpoint
@@ -382,9 +385,10 @@ contains
     real(wp), allocatable :: table(:)
     integer :: k
 
-    table = [model%partition%imbalance, &
-             (real(unpack_key(model%brick_key(k)), wp), real(model%brick_rank(k), wp), &
-              k=1, size(model%brick_key))]
+    table = [model%decomposition%partition%imbalance, &
+             (real(unpack_key(model%decomposition%brick_key(k)), wp), &
+              real(model%decomposition%brick_rank(k), wp), &
+              k=1, size(model%decomposition%brick_key))]
   end function brick_table
 
   subroutine take_bricks(model, table)
@@ -394,10 +398,10 @@ contains
     integer :: k, n
 
     n = (size(table) - 1)/4
-    model%partition%imbalance = table(1)
-    model%partition%n_brick = n
-    model%brick_key = [(pack_key(nint(table(4*k - 2:4*k))), k=1, n)]
-    model%brick_rank = [(nint(table(4*k + 1)), k=1, n)]
+    model%decomposition%partition%imbalance = table(1)
+    model%decomposition%partition%n_brick = n
+    model%decomposition%brick_key = [(pack_key(nint(table(4*k - 2:4*k))), k=1, n)]
+    model%decomposition%brick_rank = [(nint(table(4*k + 1)), k=1, n)]
   end subroutine take_bricks
 
   subroutine run_files_close(self, model, err)

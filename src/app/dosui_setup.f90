@@ -51,21 +51,24 @@ contains
     model%rigid = all(scene%material%rigid)
     model%updated = scene%deformation == 'updated'
     model%finds_surface = model%updated .and. any(scene%surface%face == 'free')
-    model%averaged = scene%mechanics%average_volume_change .and. .not. model%rigid
+    model%skeleton%averaged = scene%mechanics%average_volume_change .and. .not. model%rigid
     model%finite = scene%deformation == 'finite'
-    model%centred = model%averaged .and. scene%mechanics%coupling_gradient /= 'particle'
+    model%skeleton%centred = model%skeleton%averaged .and. &
+                             scene%mechanics%coupling_gradient /= 'particle'
     call model%scene%prepare_functions()
     call prepare_conditions(model)
     n = size(scene%hydraulic_condition)
-    allocate (model%condition_surface(n))
+    allocate (model%water%condition_surface(n))
     allocate (model%balance%inflow(n + 2), source=0.0_wp)
     do k = 1, n
-      model%condition_surface(k) = findloc(scene%surface%name == &
-                                           scene%hydraulic_condition(k)%surface, .true., dim=1)
+      model%water%condition_surface(k) = findloc(scene%surface%name == &
+                                                scene%hydraulic_condition(k)%surface, .true., dim=1)
     end do
-    model%spacing = minval([(region_spacing(scene, scene%region(k)), k=1, size(scene%region))])
+    model%scales%spacing = minval([(region_spacing(scene, scene%region(k)), k=1, &
+                                    size(scene%region))])
     if (model%coupled .and. allocated(scene%barrier)) then
-      if (size(scene%barrier) > 0) model%barrier = barrier_faces(scene%barrier, model%spacing)
+      if (size(scene%barrier) > 0) model%water%barrier = barrier_faces(scene%barrier, &
+                                                                       model%scales%spacing)
     end if
     filtered = scene%mechanics%transfer == 'aflip' .and. .not. model%rigid
     affine = filtered .or. (scene%mechanics%transfer == 'apic' .and. .not. model%rigid)
@@ -75,19 +78,19 @@ contains
     model%nonlinear = model%unsaturated .or. &
                       (model%materials%is_nonlinear() .and. .not. model%rigid)
     model%traits = traits_of(scene%integrator)
-    model%inertia_drives = model%coupled .and. .not. model%rigid .and. &
+    model%water%inertia_drives = model%coupled .and. .not. model%rigid .and. &
                            scene%water%fluid_inertia .and. scene%water%operator == 'compact' .and. &
-                           model%traits%is_explicit()
+                                 model%traits%is_explicit()
     needs = field_needs_t(coupled=model%coupled, affine=affine, filtered=filtered, &
                           updated=model%updated, finite=model%finite, &
                           adaptive=model%traits%solves_skeleton, &
                           projected=model%traits%projects() .and. &
                           model%reactions%n > model%reactions%n_surface, &
-                          switching=model%switching, unsaturated=model%unsaturated, &
+                          switching=model%water%switching, unsaturated=model%unsaturated, &
                           layered=model%coupled .and. has_layers(scene%material), &
                           finds_surface=model%finds_surface, n_state=model%materials%n_state(), &
                           n_surface=size(scene%surface), &
-                          inertia=model%inertia_drives, &
+                          inertia=model%water%inertia_drives, &
                           following=model%updated .and. scene%shape_function == 'cpgimp', &
                           triangulated=any(scene%region%shape == 'stl'))
     call register_particle_fields(model%particles, model%p, needs)
@@ -125,19 +128,19 @@ contains
         condition%water_weight = -model%scene%water%density*model%scene%gravity(ndim)
       end associate
     end do
-    model%switching = model%coupled .and. any(model%scene%hydraulic_condition%may_switch())
-    allocate (model%retention(size(model%scene%material)))
+    model%water%switching = model%coupled .and. any(model%scene%hydraulic_condition%may_switch())
+    allocate (model%water%retention(size(model%scene%material)))
     do k = 1, size(model%scene%material)
       associate (material => model%scene%material(k))
-        model%retention(k) = retention_t(is_active=material%retention == 'van_genuchten', &
-                                         alpha=material%retention_alpha, &
-                                         n=material%retention_exponent, &
-                                         residual=material%residual_saturation, &
-                                         least=material%least_conductivity, &
-                                         unit_weight=model%scene%water%unit_weight)
+        model%water%retention(k) = retention_t(is_active=material%retention == 'van_genuchten', &
+                                               alpha=material%retention_alpha, &
+                                               n=material%retention_exponent, &
+                                               residual=material%residual_saturation, &
+                                               least=material%least_conductivity, &
+                                               unit_weight=model%scene%water%unit_weight)
       end associate
     end do
-    model%unsaturated = model%coupled .and. any(model%retention%is_active)
+    model%unsaturated = model%coupled .and. any(model%water%retention%is_active)
   end subroutine prepare_conditions
 
   subroutine add_timers(model)
@@ -236,11 +239,11 @@ contains
     call find_moduli(model)
     call find_impedances(model)
     call choose_damping(model)
-    movement = model%movement   ! of a restart: its geometry is that of the last build
+    movement = model%decomposition%movement   ! of a restart: its geometry is that of the last build
     call build_geometry(model, err)
     if (model%traits%solves_water .and. .not. err%failed()) call join_parts(model, err)
     if (model%clock%step == 0 .and. .not. err%failed()) call set_filter_times(model)
-    model%movement = movement
+    model%decomposition%movement = movement
     if (model%traits%solves_water .and. .not. err%failed()) call check_walls(model, err)
     call model%comm%agree(err)
   end subroutine finish_setup
@@ -283,7 +286,7 @@ contains
         if (condition%moves_wall()) feature = moving_wall
         reason = reason_against(feature, model%traits%name, model%scene%deformation)
         if (len(reason) == 0) cycle
-        if (model%comm%any(any(model%by_force(c, :)))) then
+        if (model%comm%any(any(model%skeleton%by_force(c, :)))) then
           call err%set('surface '''//trim(condition%surface)//''' is off the grid lines: '//reason)
         end if
       end associate
@@ -296,22 +299,22 @@ contains
     real(wp) :: sums(2), modulus, undrained
     integer :: m
 
-    if (.not. model%density > 0.0_wp) then   ! a restart has it from its checkpoint
+    if (.not. model%scales%density > 0.0_wp) then   ! a restart has it from its checkpoint
       associate (set => model%particles)
         sums(1) = sum(set%field(model%p%mass)%values(1, 1:set%count))
         sums(2) = sum(set%field(model%p%volume)%values(1, 1:set%count))
       end associate
       call model%comm%sum_array(sums)
-      model%density = sums(1)/sums(2)
+      model%scales%density = sums(1)/sums(2)
     end if
-    model%skeleton_modulus = 0.0_wp
-    model%stiffest = 0.0_wp
+    model%scales%skeleton_modulus = 0.0_wp
+    model%scales%stiffest = 0.0_wp
     do m = 1, size(model%scene%material)
       if (model%scene%material(m)%rigid) cycle
       modulus = model%materials%item(m)%model%constrained_modulus()
       undrained = modulus + model%scene%water_modulus(m)
-      model%skeleton_modulus = max(model%skeleton_modulus, modulus)
-      model%stiffest = max(model%stiffest, undrained)
+      model%scales%skeleton_modulus = max(model%scales%skeleton_modulus, modulus)
+      model%scales%stiffest = max(model%scales%stiffest, undrained)
     end do
   end subroutine find_moduli
 
@@ -322,9 +325,9 @@ contains
     real(wp) :: low(ndim), high(ndim), wave_speed, length
     integer :: d
 
-    model%damping_kind = damping_kind_of(trim(model%scene%mechanics%damping))
-    model%damping = model%scene%mechanics%damping_coefficient
-    if (model%damping_kind == damping_none) return
+    model%skeleton%damping_kind = damping_kind_of(trim(model%scene%mechanics%damping))
+    model%skeleton%damping = model%scene%mechanics%damping_coefficient
+    if (model%skeleton%damping_kind == damping_none) return
     associate (field => model%particles%field, n => model%particles%count)
       position = field(model%p%position)%values(:, 1:n)
       ! undeformed, and rounded below, so that a restart finds the same length
@@ -336,10 +339,10 @@ contains
     end do
     length = maxval(high - low)/model%scene%grid_spacing
     length = (0.1_wp*anint(10.0_wp*length) + 1.0_wp)*model%scene%grid_spacing
-    wave_speed = sqrt(model%skeleton_modulus/model%density)
-    model%damping_start = fastest_damping(wave_speed, length)
-    if (model%damping >= 0.0_wp) return
-    model%damping = automatic_damping(model%damping_kind, wave_speed, length)
+    wave_speed = sqrt(model%scales%skeleton_modulus/model%scales%density)
+    model%skeleton%damping_start = fastest_damping(wave_speed, length)
+    if (model%skeleton%damping >= 0.0_wp) return
+    model%skeleton%damping = automatic_damping(model%skeleton%damping_kind, wave_speed, length)
   end subroutine choose_damping
 
   subroutine describe_model(model)
@@ -357,9 +360,9 @@ contains
     call model%log%info('particles    '//to_text(n)//' ('//to_text(ndim)//'-D), surface points '// &
                         to_text(m))
     call model%log%info('ranks        '//to_text(model%comm%size)//', imbalance '// &
-                        to_text(model%partition%imbalance)//', bricks of cells '// &
-                        to_text(model%partition%n_brick)//', cut faces '// &
-                        to_text(model%partition%edge_cut))
+                        to_text(model%decomposition%partition%imbalance)//', bricks of cells '// &
+                        to_text(model%decomposition%partition%n_brick)//', cut faces '// &
+                        to_text(model%decomposition%partition%edge_cut))
     call model%log%info('integrator   '//trim(model%traits%name)//' ('// &
                         model%scene%choice%reason//'); '//model%scene%choice%describe())
     do k = 1, model%scene%warnings%count()
@@ -374,10 +377,10 @@ contains
     if (smallest == 0 .and. model%comm%size > 1) then
       call model%log%warning('some ranks hold no particle: fewer ranks would do')
     end if
-    if (model%damping_kind > 0) then
+    if (model%skeleton%damping_kind > 0) then
       call model%log%info('damping      '//trim(model%scene%mechanics%damping)//' '// &
-                          to_text(model%damping)// &
-                          merge(' 1/s', ' [-]', model%damping_kind == damping_viscous))
+                          to_text(model%skeleton%damping)// &
+                          merge(' 1/s', ' [-]', model%skeleton%damping_kind == damping_viscous))
     end if
     call describe_surfaces(model)
     call warn_of_lost_loads(model)
@@ -386,8 +389,8 @@ contains
     call warn_of_loose_nodes(model)
     call warn_of_unseen_cells(model)
     if (.not. model%coupled) return
-    linear = model%comm%sum(model%head_operator%n_linear)
-    isolated = model%comm%sum(model%head_operator%n_isolated)
+    linear = model%comm%sum(model%water%head_operator%n_linear)
+    isolated = model%comm%sum(model%water%head_operator%n_isolated)
     if (linear + isolated > 0) then
       call model%log%warning('degenerate neighbourhoods: '//to_text(linear)// &
                              ' particles exchange water pairwise, '//to_text(isolated)// &
@@ -448,7 +451,7 @@ contains
     type(model_t), intent(inout) :: model
     integer :: dropped
 
-    dropped = model%comm%sum(model%surface_forces%n_dropped)
+    dropped = model%comm%sum(model%skeleton%surface_forces%n_dropped)
     if (dropped > 0) call model%log%warning(to_text(dropped)// &
                                             ' loaded surface points find no grid node with mass')
   end subroutine warn_of_lost_loads

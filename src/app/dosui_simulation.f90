@@ -333,12 +333,13 @@ contains
     if (model%clock%step > 0_i8 .and. total > 0.0_wp) then
       call model%log%info('particle-steps per second '// &
                           to_text(real(n, wp)*real(model%clock%step, wp)/total, 3)// &
-                          ', rebuilds '//to_text(model%rebuilds))
+                          ', rebuilds '//to_text(model%decomposition%rebuilds))
     end if
     call say_forces(model)
     if (model%coupled) call say_balance(model, search)
     if (.not. model%coupled) call say_closed(model)
-    if (model%removed > 0_i8) call model%log%info('particles removed '//to_text(model%removed))
+    if (model%decomposition%removed > 0_i8) call model%log%info('particles removed '// &
+                                                               to_text(model%decomposition%removed))
     call model%log%summary()
   end subroutine summarise
 

@@ -82,8 +82,8 @@ contains
     integer :: fitted, forced
     character(len=:), allocatable :: force
 
-    fitted = model%comm%sum(count(model%on_nodes(c, :)))
-    forced = model%comm%sum(count(model%by_force(c, :)))
+    fitted = model%comm%sum(count(model%skeleton%on_nodes(c, :)))
+    forced = model%comm%sum(count(model%skeleton%by_force(c, :)))
     associate (condition => model%scene%mechanical_condition(c))
       force = ''
       wall = condition%wall()

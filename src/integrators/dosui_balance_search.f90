@@ -63,28 +63,28 @@ contains
     allocate (pairs(model%particles%count + model%particles%ghost_count), source=0.0_wp)
     allocate (inflow(size(model%balance%inflow)))
     call find_places(model, place)
-    associate (operator => model%head_operator)
+    associate (operator => model%water%head_operator)
       do i = 1, operator%n_row
         do k = operator%row_start(i), operator%row_start(i + 1) - 1
-          given = 0.5_wp*model%water_weight(i)*exchange(model, operator, i, k)
+          given = 0.5_wp*model%mesh%water_weight(i)*exchange(model, operator, i, k)
           pairs(i) = pairs(i) + given
           pairs(operator%column(k)) = pairs(operator%column(k)) + given
         end do
         do k = operator%boundary_start(i), operator%boundary_start(i + 1) - 1
           s = surface_of(model, operator%boundary_point(k))
           if (is_contact(model, place(i))) s = place(i)
-          rate(s) = rate(s) + model%water_weight(i)*boundary_exchange(model, operator, i, k)
+          rate(s) = rate(s) + model%mesh%water_weight(i)*boundary_exchange(model, operator, i, k)
         end do
       end do
-      call model%particle_map%scatter_add(model%comm, 1, pairs)
+      call model%water%particle_map%scatter_add(model%comm, 1, pairs)
       do i = 1, operator%n_row
         rate(place(i)) = rate(place(i)) + pairs(i)
       end do
       call find_worst(model, pairs(:operator%n_row), worst)
     end associate
     call inflow_rate(model, 0.0_wp, inflow)
-    do c = 1, size(model%condition_surface)
-      rate(model%condition_surface(c)) = rate(model%condition_surface(c)) - inflow(c)
+    do c = 1, size(model%water%condition_surface)
+      rate(model%water%condition_surface(c)) = rate(model%water%condition_surface(c)) - inflow(c)
     end do
     call move_to_contacts(model, place, rate)
   end subroutine created_rates
@@ -94,16 +94,17 @@ contains
     type(model_t), intent(in) :: model
     integer, intent(in) :: place(:)        !! of particles
     real(wp), intent(inout) :: rate(:)     !! created, by place [m3/s]
-    real(wp) :: flux(model%surface_flux%n), inflow
+    real(wp) :: flux(model%water%surface_flux%n), inflow
     integer :: e, p, s, i
 
     call surface_values(model, flux)
-    do e = 1, model%surface_flux%n
-      p = model%surface_flux%point(e)
-      i = model%surface_flux%particle(e)
-      if (.not. (model%surface_flux%is_head(e) .and. is_contact(model, place(i)))) cycle
+    do e = 1, model%water%surface_flux%n
+      p = model%water%surface_flux%point(e)
+      i = model%water%surface_flux%particle(e)
+      if (.not. (model%water%surface_flux%is_head(e) .and. is_contact(model, place(i)))) cycle
       s = surface_of(model, p)
-      inflow = -model%surface_flux%share(e)*model%surface%field(model%s%area)%values(1, p)*flux(e)
+      inflow = -model%water%surface_flux%share(e)*model%surface%field(model%s%area)%values(1, &
+                                                                                          p)*flux(e)
       rate(s) = rate(s) + inflow
       rate(place(i)) = rate(place(i)) - inflow
     end do
@@ -145,10 +146,10 @@ contains
     associate (n => model%particles%count)
       allocate (material(n + model%particles%ghost_count))
       material(1:n) = model%particles%field(model%p%material)%values(1, 1:n)
-      call model%particle_map%gather(model%comm, 1, material)
+      call model%water%particle_map%gather(model%comm, 1, material)
       allocate (place(n))
       do i = 1, n
-        place(i) = group_of(model, model%head_operator, nint(material), i)
+        place(i) = group_of(model, model%water%head_operator, nint(material), i)
       end do
     end associate
   end subroutine find_places
@@ -170,8 +171,8 @@ contains
     integer, intent(in) :: i, k
 
     associate (j => operator%column(k))
-      rate = operator%coefficient(k)*(model%head(j) - model%head(i))
-      if (model%unsaturated) rate = rate*0.5_wp*(model%relative(i) + model%relative(j))
+      rate = operator%coefficient(k)*(model%water%head(j) - model%water%head(i))
+      if (model%unsaturated) rate = rate*0.5_wp*(model%water%relative(i) + model%water%relative(j))
     end associate
   end function exchange
 
@@ -181,13 +182,14 @@ contains
     type(head_operator_t), intent(in) :: operator
     integer, intent(in) :: i, k
 
-    associate (p => operator%boundary_point(k), datum => model%hydraulic_conditions%datum)
+    associate (p => operator%boundary_point(k), datum => model%water%hydraulic_conditions%datum)
       if (.not. operator%boundary_is_head(k)) then
         rate = operator%boundary_weight(k)*datum(p)
         return
       end if
-      rate = operator%boundary_weight(k)*(datum(p) - model%head(i))
-      if (model%unsaturated) rate = rate*0.5_wp*(model%relative(i) + model%point_relative(p))
+      rate = operator%boundary_weight(k)*(datum(p) - model%water%head(i))
+      if (model%unsaturated) rate = rate*0.5_wp*(model%water%relative(i) + &
+                                                 model%water%point_relative(p))
     end associate
   end function boundary_exchange
 
@@ -197,9 +199,9 @@ contains
     integer, intent(in) :: p
     integer :: c
 
-    c = model%hydraulic_conditions%condition(p)
+    c = model%water%hydraulic_conditions%condition(p)
     if (c > 0) then
-      s = model%condition_surface(c)
+      s = model%water%condition_surface(c)
     else
       s = first_member(model%surface%field(model%s%surface)%values(:, p))
       if (s <= 0) s = size(model%scene%surface) + 1

@@ -36,20 +36,21 @@ contains
     logical, allocatable :: is_filled(:)
     integer :: a
 
-    if (allocated(model%shift)) deallocate (model%shift)
-    if (.not. (model%centred .and. model%quadrature%exact) .or. model%quadrature%fitted) return
+    if (allocated(model%skeleton%shift)) deallocate (model%skeleton%shift)
+    if (.not. (model%skeleton%centred .and. &
+               model%mesh%quadrature%exact) .or. model%mesh%quadrature%fitted) return
     if (.not. norm2(model%scene%gravity) > 0.0_wp) return
-    is_filled = model%quadrature%measure(model%quadrature%host) > 0.0_wp
+    is_filled = model%mesh%quadrature%measure(model%mesh%quadrature%host) > 0.0_wp
     associate (field => model%particles%field, n => model%particles%count, &
                volume => merge(model%p%reference_volume, model%p%volume, model%finite))
-      call find_weight_shift(model%comm, model%grid, model%scene, model%quadrature, n, &
-                             model%patch, model%material, &
+      call find_weight_shift(model%comm, model%grid, model%scene, model%mesh%quadrature, n, &
+                             model%mesh%patch, model%material, &
                              field(model%p%position)%values(:, 1:n), &
                              field(volume)%values(1, 1:n), mass)
     end associate
-    allocate (model%shift(ndim, model%grid%n_node))
+    allocate (model%skeleton%shift(ndim, model%grid%n_node))
     do a = 1, ndim
-      model%shift(a, :) = model%scene%gravity(a)*mass
+      model%skeleton%shift(a, :) = model%scene%gravity(a)*mass
     end do
     if (model%finite) return
     allocate (forces(ndim, model%grid%n_node), source=0.0_wp)
@@ -57,7 +58,7 @@ contains
     call add_walls(model, forces)
     call take_deviations(model, forces)
     call model%grid%node_map%sum_copies(model%comm, ndim, forces)
-    model%shift = model%shift + forces
+    model%skeleton%shift = model%skeleton%shift + forces
   end subroutine build_shift
 
   subroutine add_cells(model, is_filled, forces)
@@ -72,7 +73,7 @@ contains
 
     do c = 1, model%grid%n_cell
       at(:, c) = model%grid%origin + model%grid%spacing* &
-                 (real(model%grid%cell_base(:, c), wp) + model%quadrature%centroid(:, c))
+                 (real(model%grid%cell_base(:, c), wp) + model%mesh%quadrature%centroid(:, c))
     end do
     call find_group_centres(model, middle)
     call find_changes(model, at, .false., change)
@@ -83,8 +84,8 @@ contains
         load = 0.0_wp
         do b = 1, ndim
           do a = 1, ndim
-            load(a) = load(a) - model%quadrature%part(c)*change(voigt_slot(a, b), c)* &
-                      model%quadrature%gradient(b, k, c)
+            load(a) = load(a) - model%mesh%quadrature%part(c)*change(voigt_slot(a, b), c)* &
+                      model%mesh%quadrature%gradient(b, k, c)
           end do
         end do
         associate (node => model%grid%cell_node(k, c))
@@ -103,22 +104,22 @@ contains
     real(wp), allocatable :: nodal(:, :), change(:, :), none(:)
     integer :: p
 
-    call sum_places(model, model%weight, centre)
-    call model%average%cell_means(model%comm, model%grid, ndim, centre)
+    call sum_places(model, model%mesh%weight, centre)
+    call model%mesh%average%cell_means(model%comm, model%grid, ndim, centre)
     associate (field => model%particles%field, h => model%p, n => model%particles%count)
       allocate (nodal(n_nodal_row, model%grid%n_node), change(nsig, n), none(n))
       none = 0.0_wp
       do p = 1, n   ! of the mean over its own
         associate (x => field(h%position)%values(:, p))
           change(:, p) = initial_stress_change(model%scene, model%material(p), model%coupled, x, &
-                                               centre(:, model%cell(p)) - x)
+                                               centre(:, model%mesh%cell(p)) - x)
         end associate
       end do
-      call cell_tensor_sums(n, model%cell, model%weight, change, model%grid%n_cell, mean)
-      call model%average%cell_means(model%comm, model%grid, nsig, mean)
-      call particles_to_grid(model%grid, n, model%patch, field(h%position)%values, &
-                             field(h%velocity)%values, none, model%weight, change, &
-                             model%scene%gravity, nodal, cell=model%cell, cell_stress=mean)
+      call cell_tensor_sums(n, model%mesh%cell, model%mesh%weight, change, model%grid%n_cell, mean)
+      call model%mesh%average%cell_means(model%comm, model%grid, nsig, mean)
+      call particles_to_grid(model%grid, n, model%mesh%patch, field(h%position)%values, &
+                             field(h%velocity)%values, none, model%mesh%weight, change, &
+                             model%scene%gravity, nodal, cell=model%mesh%cell, cell_stress=mean)
     end associate
     forces = forces + nodal(2 + ndim:, :)
   end subroutine take_deviations
@@ -130,7 +131,7 @@ contains
     real(wp) :: centre(ndim, model%grid%n_cell)
     integer :: c
 
-    if (.not. model%lifted) return
+    if (.not. model%skeleton%lifted) return
     call find_group_centres(model, centre)
     do c = 1, size(model%scene%mechanical_condition)
       call add_wall(model, c, centre, forces)
@@ -153,9 +154,9 @@ contains
     call find_changes(model, at, .true., change)
     call add_water(model, at, centre, is_held, change)
     associate (field => model%surface%field, h => model%s)
-      call model%surface_forces%react(field(h%area)%values(1, 1:m), &
-                                      field(h%normal)%values(:, 1:m), change, forces, &
-                                      only=condition)
+      call model%skeleton%surface_forces%react(field(h%area)%values(1, 1:m), &
+                                               field(h%normal)%values(:, 1:m), change, forces, &
+                                               only=condition)
     end associate
   end subroutine add_wall
 
@@ -166,8 +167,8 @@ contains
 
     centre = 0.0_wp
     if (.not. model%coupled) return
-    call sum_places(model, model%water_weight, centre)
-    call model%average%group_means(model%comm, model%grid, ndim, centre)
+    call sum_places(model, model%mesh%water_weight, centre)
+    call model%mesh%average%group_means(model%comm, model%grid, ndim, centre)
   end subroutine find_group_centres
 
   subroutine find_middles(model, condition, at, is_held)
@@ -181,7 +182,8 @@ contains
     integer :: c, e, i, k, p
 
     sums = 0.0_wp
-    associate (forces => model%surface_forces, area => model%surface%field(model%s%area)%values)
+    associate (forces => model%skeleton%surface_forces, &
+               area => model%surface%field(model%s%area)%values)
       do e = 1, size(forces%entry_point)
         if (forces%entry_condition(e) /= condition) cycle
         p = forces%entry_point(e)
@@ -213,7 +215,7 @@ contains
 
     associate (n => model%particles%count)
       do a = 1, ndim
-        call cell_sums(n, model%cell, weight, &
+        call cell_sums(n, model%mesh%cell, weight, &
                        model%particles%field(model%p%position)%values(a, 1:n), size(one), one)
         sums(a, :) = one
       end do
@@ -231,20 +233,21 @@ contains
     integer :: c, g, k, p
 
     change = 0.0_wp
-    whole = 1.0_wp/max(model%average%cell_inverse, tiny(1.0_wp))
-    if (by_group .and. model%quadrature%has_groups) then
-      whole = 1.0_wp/max(model%average%group_inverse, tiny(1.0_wp))
+    whole = 1.0_wp/max(model%mesh%average%cell_inverse, tiny(1.0_wp))
+    if (by_group .and. model%mesh%quadrature%has_groups) then
+      whole = 1.0_wp/max(model%mesh%average%group_inverse, tiny(1.0_wp))
     end if
     do p = 1, model%particles%count
-      g = model%quadrature%group(model%cell(p))
-      do k = model%quadrature%member_start(g), model%quadrature%member_start(g + 1) - 1
-        c = model%quadrature%member(k)
-        if (.not. by_group .and. model%quadrature%host(c) /= model%cell(p)) cycle
+      g = model%mesh%quadrature%group(model%mesh%cell(p))
+      do k = model%mesh%quadrature%member_start(g), model%mesh%quadrature%member_start(g + 1) - 1
+        c = model%mesh%quadrature%member(k)
+        if (.not. by_group .and. model%mesh%quadrature%host(c) /= model%mesh%cell(p)) cycle
         associate (x => model%particles%field(model%p%position)%values(:, p))
           of_particle = initial_stress_change(model%scene, model%material(p), model%coupled, x, &
                                               at(:, c) - x)
         end associate
-        change(:, c) = change(:, c) + model%weight(p)/whole(merge(g, model%cell(p), by_group))* &
+        change(:, c) = change(:, c) + model%mesh%weight(p)/whole(merge(g, model%mesh%cell(p), &
+                                                                       by_group))* &
                        of_particle
       end do
     end do

@@ -306,7 +306,8 @@ contains
     call find_empty(model, is_empty)
     hangs = .false.
     do i = 1, model%grid%n_node
-      hangs = hangs .or. any(is_empty(:, i)) .and. model%nodal(1, i) > light_node_mass(model)
+      hangs = hangs .or. any(is_empty(:, i)) .and. model%skeleton%nodal(1, &
+                                                                        i) > light_node_mass(model)
     end do
     hangs = model%comm%any(hangs)
   end function hangs_on_walls
@@ -328,19 +329,19 @@ contains
     model%clock%dt = 1.0_wp
     call zero_velocities(model)
     call gather_forces(model)
-    force = model%nodal(2 + ndim:, :)
+    force = model%skeleton%nodal(2 + ndim:, :)
     allocate (motion, held, mold=force)
     motion = 0.0_wp
     held = 0.0_wp
     coupled = model%coupled
     model%coupled = .false.   ! the skeleton alone gives way
-    if (allocated(model%tangent)) call move_alloc(model%tangent, tangent)
+    if (allocated(model%skeleton%tangent)) call move_alloc(model%skeleton%tangent, tangent)
     if (system%unknowns%n_u == 0) call system%build(model, .false., failure)
     if (.not. failure%failed()) then
       call system%solve(model, 0.0_wp, force, model%clock%time, held, .false., none, &
                         direct_tolerance, .false., motion, none, failure)
     end if
-    if (allocated(tangent)) call move_alloc(tangent, model%tangent)
+    if (allocated(tangent)) call move_alloc(tangent, model%skeleton%tangent)
     model%coupled = coupled
     n_iteration = n_iteration + 1
     state%is_direct = .not. failure%failed()
@@ -371,14 +372,14 @@ contains
     real(wp) :: sums(2)
 
     sums = [sum(model%particles%field(model%p%mass)%values(1, 1:model%particles%count)), &
-            sum(model%weight(1:model%particles%count))]
+            sum(model%mesh%weight(1:model%particles%count))]
     call model%comm%sum_array(sums)
     scale%stress = mean_stress_size(model)*sums(2)/(sqrt(sums(1))*model%grid%spacing)
     if (scale%loads >= 0.0_wp) return
-    forces = model%nodal   ! those at hand are still wanted
+    forces = model%skeleton%nodal   ! those at hand are still wanted
     call gather_loads(model)
     scale%loads = max(norm, sqrt(force_product(model)))
-    model%nodal = forces
+    model%skeleton%nodal = forces
   end subroutine update_scale
 
   real(wp) function mean_stress_size(model) result(stress)
@@ -393,7 +394,7 @@ contains
       if (model%coupled) then
         square = square + ndim*model%particles%field(model%p%pore_pressure)%values(1, p)**2
       end if
-      sums = sums + model%weight(p)*[square, 1.0_wp]
+      sums = sums + model%mesh%weight(p)*[square, 1.0_wp]
     end do
     call model%comm%sum_array(sums)
     stress = sqrt(sums(1)/sums(2))
@@ -407,8 +408,9 @@ contains
     product = 0.0_wp
     do i = 1, model%grid%n_node
       if (.not. model%grid%node_map%is_owned(i)) cycle
-      if (.not. model%nodal(1, i) > light_node_mass(model)) cycle
-      product = product + sum(model%nodal(2 + ndim:, i)**2)/max(model%nodal(1, i), model%inertia(i))
+      if (.not. model%skeleton%nodal(1, i) > light_node_mass(model)) cycle
+      product = product + sum(model%skeleton%nodal(2 + ndim:, &
+                                   i)**2)/max(model%skeleton%nodal(1, i), model%skeleton%inertia(i))
     end do
     product = model%comm%sum(product)
   end function force_product
@@ -537,7 +539,7 @@ contains
 
     sums = 0.0_wp
     do p = 1, model%particles%count
-      sums = sums + model%weight(p)*[sum(model%strain_increment(:, p)**2), 1.0_wp]
+      sums = sums + model%mesh%weight(p)*[sum(model%skeleton%strain_increment(:, p)**2), 1.0_wp]
     end do
     call model%comm%sum_array(sums)
     strain = sqrt(sums(1)/sums(2))
@@ -556,7 +558,7 @@ contains
     way = 0.0_wp
     do i = 1, model%grid%n_node
       if (.not. model%grid%node_map%is_owned(i)) cycle
-      way = way + model%nodal(1, i)*norm2(motion(:, i))*motion(:, i)
+      way = way + model%skeleton%nodal(1, i)*norm2(motion(:, i))*motion(:, i)
     end do
     call model%comm%sum_array(way)
     if (norm2(way) > 0.0_wp) way = way/norm2(way)
@@ -580,7 +582,7 @@ contains
     sums = 0.0_wp
     do i = 1, model%grid%n_node
       if (.not. model%grid%node_map%is_owned(i)) cycle
-      square = max(model%nodal(1, i), model%inertia(i))*sum(motion(:, i)**2)
+      square = max(model%skeleton%nodal(1, i), model%skeleton%inertia(i))*sum(motion(:, i)**2)
       centre = model%grid%origin + model%grid%spacing*real(model%grid%node_index(:, i), wp)
       sums = sums + square*[1.0_wp, centre]
     end do
@@ -607,7 +609,7 @@ contains
     !! A trial length of the right size: accelerations act over the time of the fastest wave [s2].
     type(model_t), intent(in) :: model
 
-    length = model%density*model%grid%spacing**2/model%stiffest
+    length = model%scales%density*model%grid%spacing**2/model%scales%stiffest
   end function first_length
 
   subroutine find_residual(model, state, residual, norm)
@@ -620,8 +622,8 @@ contains
     call zero_velocities(model)
     call gather_forces(model)
     if (allocated(state%moved)) then
-      call add_hourglass_forces(model, state%moved, model%nodal(2 + ndim:, :))
-      where (state%is_empty) model%nodal(2 + ndim:, :) = 0.0_wp
+      call add_hourglass_forces(model, state%moved, model%skeleton%nodal(2 + ndim:, :))
+      where (state%is_empty) model%skeleton%nodal(2 + ndim:, :) = 0.0_wp
     end if
     call nodal_accelerations(model, residual)
     norm = sqrt(mass_product(model, residual, residual))
@@ -634,8 +636,8 @@ contains
     real(wp), intent(in) :: motion(:, :)   !! [m]
     type(error_t), intent(inout) :: err
 
-    model%velocity_old = 0.0_wp
-    model%velocity = motion
+    model%skeleton%velocity_old = 0.0_wp
+    model%skeleton%velocity = motion
     call update_particles(model, err)
     if (state%undrained) call update_pressure(model, .false.)
     if (allocated(state%moved)) state%moved = state%moved + motion
@@ -651,7 +653,8 @@ contains
     product = 0.0_wp
     do i = 1, model%grid%n_node
       if (.not. model%grid%node_map%is_owned(i)) cycle
-      product = product + max(model%nodal(1, i), model%inertia(i))*dot_product(a(:, i), b(:, i))
+      product = product + max(model%skeleton%nodal(1, i), &
+                              model%skeleton%inertia(i))*dot_product(a(:, i), b(:, i))
     end do
     product = model%comm%sum(product)
   end function mass_product

@@ -53,7 +53,7 @@ contains
     type(model_t), intent(inout) :: model
 
     call choose_explicit_step(model)
-    self%most_parts = max(self%most_parts, model%substeps, model%stages)
+    self%most_parts = max(self%most_parts, model%water%substeps, model%water%stages)
   end subroutine explicit_choose_step
 
   subroutine explicit_advance(self, model, err)
@@ -64,7 +64,7 @@ contains
 
     call explicit_step(model, .true., err)
     self%n_step = self%n_step + 1_i8
-    self%n_part = self%n_part + int(max(1, model%substeps, model%stages), i8)
+    self%n_part = self%n_part + int(max(1, model%water%substeps, model%water%stages), i8)
   end subroutine explicit_advance
 
   function explicit_describe(self) result(text)
@@ -85,10 +85,11 @@ contains
     type(error_t), intent(inout) :: err
     type(error_t) :: failure
 
-    if (model%substeps > most_substeps) then
+    if (model%water%substeps > most_substeps) then
       call err%set('a step of '//to_text(model%clock%dt, 3)//' s needs more than '// &
                    to_text(most_substeps)//' sub-steps of the water, whose explicit limit is '// &
-                   to_text(model%diffusion_limit, 3)//' s: a smaller time_step, or an implicit '// &
+                   to_text(model%water%diffusion_limit, &
+                           3)//' s: a smaller time_step, or an implicit '// &
                    'integrator')
       return
     end if
@@ -106,7 +107,7 @@ contains
     if (model%rigid) call note_fault(model)
     if (model%unsaturated) call refresh_storage(model)   ! it follows the pressures
     call update_pressure(model, drained)
-    if (model%switching .and. drained) call review_surfaces(model)
+    if (model%water%switching .and. drained) call review_surfaces(model)
   end subroutine explicit_step
 
   subroutine review_surfaces(model)
@@ -143,16 +144,16 @@ contains
       if (stepping == 'auto') then
         stepping = 'single'
         if (.not. model%rigid) then
-          if (model%diffusion_limit < 2.0_wp*wave_limit(model)) stepping = 'subcycle'
-          if (model%diffusion_limit < 0.4_wp*wave_limit(model)) stepping = 'rkl2'
+          if (model%water%diffusion_limit < 2.0_wp*wave_limit(model)) stepping = 'subcycle'
+          if (model%water%diffusion_limit < 0.4_wp*wave_limit(model)) stepping = 'rkl2'
         end if
       end if
       if (stepping == 'single' .or. model%rigid) then
         limits(3)%name = 'water diffusion'
-        limits(3)%dt = courant*model%diffusion_limit
+        limits(3)%dt = courant*model%water%diffusion_limit
         if (.not. model%rigid) then
           limits(4)%name = 'water sound speed and diffusion'
-          limits(4)%dt = courant/(1.0_wp/model%diffusion_limit + 1.0_wp/wave_limit(model))
+          limits(4)%dt = courant/(1.0_wp/model%water%diffusion_limit + 1.0_wp/wave_limit(model))
         end if
       end if
     end if
@@ -164,16 +165,16 @@ contains
       end if
     end if
     call model%clock%choose_step(model%scene%time, limits)
-    model%substeps = 1
-    model%stages = 0
-    ratio = model%clock%dt/(courant*model%diffusion_limit)
+    model%water%substeps = 1
+    model%water%stages = 0
+    ratio = model%clock%dt/(courant*model%water%diffusion_limit)
     if (.not. model%coupled .or. stepping == 'single' .or. model%rigid .or. ratio <= 1.0_wp) return
     if (ratio > real(most_substeps, wp)) then
-      model%substeps = most_substeps + 1   ! the step refuses it
+      model%water%substeps = most_substeps + 1   ! the step refuses it
     else if (stepping == 'subcycle') then
-      model%substeps = ceiling(ratio)
+      model%water%substeps = ceiling(ratio)
     else if (stepping == 'rkl2') then
-      model%stages = stages_needed(ratio)
+      model%water%stages = stages_needed(ratio)
     end if
   end subroutine choose_explicit_step
 
@@ -183,8 +184,8 @@ contains
     real(wp) :: rate
 
     rate = 0.0_wp
-    if (model%damping_kind == damping_viscous) rate = model%damping
-    if (model%damping_kind == damping_fading) rate = model%damping_start
+    if (model%skeleton%damping_kind == damping_viscous) rate = model%skeleton%damping
+    if (model%skeleton%damping_kind == damping_fading) rate = model%skeleton%damping_start
     limit = huge(1.0_wp)
     if (rate > 0.0_wp) limit = 2.0_wp/rate
   end function damping_limit
@@ -213,8 +214,8 @@ contains
     logical :: forgets, is_sparse
 
     share = 1.0_wp
-    if (.not. model%extension%is_on) return
-    is_sparse = model%spacing > sparse*model%scene%grid_spacing
+    if (.not. model%mesh%extension%is_on) return
+    is_sparse = model%scales%spacing > sparse*model%scene%grid_spacing
     forgets = any(model%scene%mechanics%transfer == ['flip ', 'blend'])
     if (forgets) share = flip
     if (is_sparse) share = merge(sparse_flip, sparse_others, forgets)
@@ -224,6 +225,7 @@ contains
     !! Time that the fastest wave needs for a grid cell [s].
     type(model_t), intent(in) :: model
 
-    limit = model%scene%grid_spacing/sqrt(max(model%stiffest, model%stiffest_now)/model%density)
+    limit = model%scene%grid_spacing/sqrt(max(model%scales%stiffest, &
+                                              model%scales%stiffest_now)/model%scales%density)
   end function wave_limit
 end module dosui_explicit

@@ -30,8 +30,8 @@ contains
 
     allocate (is_held(ndim, model%grid%n_node), known(ndim, model%grid%n_node), &
               plate(ndim, model%grid%n_node))
-    call model%nodal_conditions%prescribe(time, at_rest, &
-                                          is_held, known, plate)
+    call model%skeleton%nodal_conditions%prescribe(time, at_rest, &
+                                                   is_held, known, plate)
   end subroutine held_components
 
   subroutine fold_nodal(model, is_held)
@@ -40,9 +40,9 @@ contains
     logical, intent(in) :: is_held(:, :)
     real(wp), allocatable :: sums(:, :)
 
-    sums = model%nodal(2:, :)
-    call model%extension%fold(model%comm, model%grid, 2*ndim, sums, is_held)
-    model%nodal(2:, :) = sums
+    sums = model%skeleton%nodal(2:, :)
+    call model%mesh%extension%fold(model%comm, model%grid, 2*ndim, sums, is_held)
+    model%skeleton%nodal(2:, :) = sums
   end subroutine fold_nodal
 
   subroutine solve_nodal(model, dt, time, at_rest, is_held, known, plate, least_mass)
@@ -57,9 +57,10 @@ contains
     real(wp), allocatable :: motion(:, :)    ! velocities, accelerations
     integer :: a, i
 
-    motion = model%nodal(2:, :)
+    motion = model%skeleton%nodal(2:, :)
     do i = 1, model%grid%n_node
-      if (.not. (model%nodal(1, i) > least_mass .or. model%extension%in_strip(i))) then
+      if (.not. (model%skeleton%nodal(1, &
+                                      i) > least_mass .or. model%mesh%extension%in_strip(i))) then
         motion(ndim + 1:, i) = 0.0_wp
       end if
       do a = 1, ndim
@@ -68,13 +69,14 @@ contains
         motion(ndim + a, i) = 0.0_wp
       end do
     end do
-    call model%extension%solve(model%comm, model%grid, 2*ndim, model%nodal(1, :), motion, is_held)
-    if (size(model%nodal_conditions%plate_condition) > 0) then
+    call model%mesh%extension%solve(model%comm, model%grid, 2*ndim, model%skeleton%nodal(1, :), &
+                                    motion, is_held)
+    if (size(model%skeleton%nodal_conditions%plate_condition) > 0) then
       call move_plates(model, time, at_rest, is_held, known, plate, motion)
     end if
     do i = 1, model%grid%n_node
-      model%velocity_old(:, i) = motion(:ndim, i)
-      model%velocity(:, i) = motion(:ndim, i) + dt*motion(ndim + 1:, i)
+      model%skeleton%velocity_old(:, i) = motion(:ndim, i)
+      model%skeleton%velocity(:, i) = motion(:ndim, i) + dt*motion(ndim + 1:, i)
     end do
   end subroutine solve_nodal
 
@@ -91,25 +93,26 @@ contains
     logical :: regular
     integer :: c, i, k, m
 
-    m = size(model%nodal_conditions%plate_condition)
+    m = size(model%skeleton%nodal_conditions%plate_condition)
     allocate (unit(ndim, model%grid%n_node, m), matrix(m, m), left(m, 2))
     rest = motion
     call inertia_forces(model, is_held, rest)
-    rest = model%nodal(2:, :) - rest
+    rest = model%skeleton%nodal(2:, :) - rest
     call sum_over_plates(model, known, plate, m, rest(:ndim, :), left(:, 1))
     call sum_over_plates(model, known, plate, m, rest(ndim + 1:, :), left(:, 2))
     do k = 1, m
       unit(:, :, k) = merge(known, 0.0_wp, plate == k)
-      call model%extension%solve(model%comm, model%grid, ndim, model%nodal(1, :), unit(:, :, k), &
-                                 is_held)
+      call model%mesh%extension%solve(model%comm, model%grid, ndim, model%skeleton%nodal(1, :), &
+                                      unit(:, :, k), &
+                                      is_held)
       rest = unit(:, :, k)
       call inertia_forces(model, is_held, rest)
       allocate (sums(m))
       call sum_over_plates(model, known, plate, m, rest, sums)
       matrix(:, k) = sums
       deallocate (sums)
-      c = model%nodal_conditions%plate_condition(k)
-      left(k, 2) = left(k, 2) - model%nodal_conditions%wall(c)%force(time)
+      c = model%skeleton%nodal_conditions%plate_condition(k)
+      left(k, 2) = left(k, 2) - model%skeleton%nodal_conditions%wall(c)%force(time)
     end do
     if (at_rest) left(:, 1) = 0.0_wp
     do c = 1, 2
@@ -164,8 +167,8 @@ contains
     integer :: i
 
     do i = 1, model%grid%n_node
-      motion(:, i) = model%nodal(1, i)*motion(:, i)
+      motion(:, i) = model%skeleton%nodal(1, i)*motion(:, i)
     end do
-    call model%extension%fold(model%comm, model%grid, size(motion, 1), motion, is_held)
+    call model%mesh%extension%fold(model%comm, model%grid, size(motion, 1), motion, is_held)
   end subroutine inertia_forces
 end module dosui_extended_nodes

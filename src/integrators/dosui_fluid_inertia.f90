@@ -35,17 +35,17 @@ contains
     real(wp) :: mobility(2)
     integer :: i, node, p
 
-    if (.not. model%inertia_drives) return
+    if (.not. model%water%inertia_drives) return
     allocate (sums(3, model%grid%n_node), source=0.0_wp)
     associate (field => model%particles%field, grid => model%grid)
       do p = 1, model%particles%count
         mobility = mobilities(model, p)
-        call grid%weigh(p, 1, model%patch(p:p), field(model%p%position)%values(:, p:p), &
+        call grid%weigh(p, 1, model%mesh%patch(p:p), field(model%p%position)%values(:, p:p), &
                         group_count(grid%shape_kind), share, gradient)
         do i = 1, size(grid%patch_node, 1)
-          node = grid%patch_node(i, model%patch(p))
+          node = grid%patch_node(i, model%mesh%patch(p))
           sums(:, node) = sums(:, node) + &
-                          max(share(i), 0.0_wp)*model%weight(p)*[1.0_wp, mobility]
+                          max(share(i), 0.0_wp)*model%mesh%weight(p)*[1.0_wp, mobility]
         end do
       end do
     end associate
@@ -53,7 +53,7 @@ contains
     do i = 1, model%grid%n_node
       if (sums(1, i) > 0.0_wp) sums(2:, i) = sums(2:, i)/sums(1, i)
     end do
-    model%mobility = sums(2:, :)
+    model%water%mobility = sums(2:, :)
   end subroutine find_mobility
 
   pure function mobilities(model, p) result(mobility)
@@ -65,9 +65,9 @@ contains
     associate (field => model%particles%field, water => model%scene%water)
       mobility = field(model%p%conductivity)%values(1, p)/water%unit_weight* &
                  [water%density*model%scene%mechanics%density_scaling, &
-                  1.0_wp/(model%storage%compressibility(p)*model%grid%spacing**2)]
+                  1.0_wp/(model%water%storage%compressibility(p)*model%grid%spacing**2)]
       if (.not. model%unsaturated) return
-      mobility = mobility*model%retention(model%material(p))% &
+      mobility = mobility*model%water%retention(model%material(p))% &
                  relative_conductivity(field(model%p%pore_pressure)%values(1, p))
     end associate
   end function mobilities
@@ -85,9 +85,9 @@ contains
     !! No flow by inertia, as before the first step.
     type(model_t), intent(inout) :: model
 
-    if (.not. model%inertia_drives) return
-    model%inertia_strain = spread(0.0_wp, 1, model%particles%count)
-    model%inertia_flux = spread(0.0_wp, 1, model%surface%count + model%surface%ghost_count)
+    if (.not. model%water%inertia_drives) return
+    model%water%inertia_strain = spread(0.0_wp, 1, model%particles%count)
+    model%water%inertia_flux = spread(0.0_wp, 1, model%surface%count + model%surface%ghost_count)
   end subroutine forget_inertia_flow
 
   subroutine find_inertia_flow(model)
@@ -99,7 +99,7 @@ contains
     real(wp) :: now, mobility(2)
     integer :: a, i, m, p
 
-    if (.not. model%inertia_drives) return
+    if (.not. model%water%inertia_drives) return
     call forget_inertia_flow(model)
     if (model%unsaturated) call find_mobility(model)   ! it follows the pressures
     shaking = 0.0_wp
@@ -109,42 +109,43 @@ contains
     end if
     allocate (push(ndim, model%grid%n_node))
     do i = 1, model%grid%n_node
-      push(:, i) = model%mobility(1, i)*((model%velocity(:, i) - model%velocity_old(:, i))/ &
-                                         model%clock%dt + shaking)
+      push(:, i) = model%water%mobility(1, i)*((model%skeleton%velocity(:, &
+                                                          i) - model%skeleton%velocity_old(:, i))/ &
+                                               model%clock%dt + shaking)
     end do
-    if (model%centred) then
+    if (model%skeleton%centred) then
       allocate (strain(nsig, model%grid%n_cell), mean(model%grid%n_cell))
-      call model%quadrature%strains(model%grid, model%clock%dt, push, strain)
+      call model%mesh%quadrature%strains(model%grid, model%clock%dt, push, strain)
       mean = 0.0_wp
       do a = 1, n_volume
         mean = mean + strain(volume_slot(a), :)
       end do
       call smooth(model, mean)
-      model%inertia_strain = mean(model%cell)
+      model%water%inertia_strain = mean(model%mesh%cell)
     else
       call find_at_particles(model, push)
     end if
     associate (before => model%particles%field(model%p%inertia_rate)%values)
       do p = 1, model%particles%count
-        now = model%inertia_strain(p)/model%clock%dt
+        now = model%water%inertia_strain(p)/model%clock%dt
         mobility = mobilities(model, p)
-        model%inertia_strain(p) = model%clock%dt*ahead(now, before(1, p), mobility(2), &
-                                                       model%clock%dt)
+        model%water%inertia_strain(p) = model%clock%dt*ahead(now, before(1, p), mobility(2), &
+                                                             model%clock%dt)
         before(1, p) = now
       end do
     end associate
     m = model%surface%count
     allocate (flux(ndim, m), rate(m))
-    call model%surface_forces%point_velocity(push, flux)
-    call model%surface_forces%values_of(model%mobility(2, :), rate)
+    call model%skeleton%surface_forces%point_velocity(push, flux)
+    call model%skeleton%surface_forces%values_of(model%water%mobility(2, :), rate)
     associate (before => model%surface%field(model%s%inertia_rate)%values)
       do p = 1, m
         now = dot_product(flux(:, p), model%surface%field(model%s%normal)%values(:, p))
-        model%inertia_flux(p) = ahead(now, before(1, p), rate(p), model%clock%dt)
+        model%water%inertia_flux(p) = ahead(now, before(1, p), rate(p), model%clock%dt)
         before(1, p) = now
       end do
     end associate
-    call model%surface_map%gather(model%comm, 1, model%inertia_flux)
+    call model%water%surface_map%gather(model%comm, 1, model%water%inertia_flux)
   end subroutine find_inertia_flow
 
   subroutine find_at_particles(model, push)
@@ -159,24 +160,26 @@ contains
     padded = n_group*group_count(model%grid%shape_kind)
     associate (grid => model%grid, position => model%particles%field(model%p%position)%values)
       do p = 1, model%particles%count
-        call grid%weigh(p, 1, model%patch(p:p), position(:, p:p), group_count(grid%shape_kind), &
+        call grid%weigh(p, 1, model%mesh%patch(p:p), position(:, p:p), &
+                        group_count(grid%shape_kind), &
                         share, gradient)
         do i = 1, size(grid%patch_node, 1)
           do a = 1, ndim
-            model%inertia_strain(p) = model%inertia_strain(p) + model%clock%dt* &
-                                      gradient(i + (a - 1)*padded)* &
-                                      push(a, grid%patch_node(i, model%patch(p)))
+            model%water%inertia_strain(p) = model%water%inertia_strain(p) + model%clock%dt* &
+                                            gradient(i + (a - 1)*padded)* &
+                                            push(a, grid%patch_node(i, model%mesh%patch(p)))
           end do
         end do
       end do
     end associate
-    if (.not. model%averaged) return
+    if (.not. model%skeleton%averaged) return
     allocate (mean(model%grid%n_cell))
-    call cell_sums(model%particles%count, model%cell, model%weight, model%inertia_strain, &
+    call cell_sums(model%particles%count, model%mesh%cell, model%mesh%weight, &
+                   model%water%inertia_strain, &
                    model%grid%n_cell, mean)
-    call model%average%cell_means(model%comm, model%grid, 1, mean)
+    call model%mesh%average%cell_means(model%comm, model%grid, 1, mean)
     call smooth(model, mean)
-    model%inertia_strain = mean(model%cell)
+    model%water%inertia_strain = mean(model%mesh%cell)
   end subroutine find_at_particles
 
   subroutine smooth(model, mean)
@@ -187,7 +190,7 @@ contains
     integer :: c, i
 
     sums = 0.0_wp
-    associate (grid => model%grid, weight => model%average%cell_weight)
+    associate (grid => model%grid, weight => model%mesh%average%cell_weight)
       do c = 1, grid%n_cell   ! weights are this rank's part
         do i = 1, 2**ndim
           sums(:, grid%cell_node(i, c)) = sums(:, grid%cell_node(i, c)) + &

@@ -67,8 +67,8 @@ contains
     integer :: n_lost, n
 
     n = model%particles%count
-    call model%grid%locate(n, model%particles%field(model%p%position)%values, model%patch, &
-                           model%cell, n_lost)
+    call model%grid%locate(n, model%particles%field(model%p%position)%values, model%mesh%patch, &
+                           model%mesh%cell, n_lost)
     if (n_lost > 0) call err%set('particles moved out of the grid in one step at t = '// &
                                  to_text(model%clock%time)//' s: the run is unstable')
     call model%comm%agree(err)
@@ -103,11 +103,12 @@ contains
       call model%comm%agree(err)
       return
     end if
-    model%removed = model%removed + model%comm%sum(int(count(.not. inside), i8))
+    model%decomposition%removed = model%decomposition%removed + &
+                                  model%comm%sum(int(count(.not. inside), i8))
     keep = pack([(p, p=1, n)], inside)
     model%particles%count = size(keep)
     call model%particles%reorder(keep)
     call model%log%warning('particles left the domain and were removed: '// &
-                           to_text(model%removed)//' so far')
+                           to_text(model%decomposition%removed)//' so far')
   end subroutine remove_leavers
 end module dosui_following

@@ -91,7 +91,8 @@ contains
         has = .false.
         do c = 1, size(walls%wall_of)
           if (walls%wall_of(c) == 0) cycle
-          if (model%on_nodes(c, p) .or. model%by_force(c, p)) has(walls%wall_of(c)) = .true.
+          if (model%skeleton%on_nodes(c, p) .or. model%skeleton%by_force(c, &
+                                                                  p)) has(walls%wall_of(c)) = .true.
         end do
         if (.not. any(has)) cycle
         place = field(h%position)%values(:, p) - model%scene%grid_origin
@@ -129,18 +130,18 @@ contains
     real(wp), allocatable :: force(:, :), place(:, :)
     integer :: c
 
-    if (.not. model%comm%any(any(model%by_force))) return
+    if (.not. model%comm%any(any(model%skeleton%by_force))) return
     call node_places(model, place)
     allocate (force(ndim, model%grid%n_node))
     do c = 1, size(model%scene%mechanical_condition)
       force = 0.0_wp
       associate (field => model%surface%field, h => model%s, n => model%surface%count)
-        call model%surface_forces%apply(model%comm, model%scene%mechanical_condition, &
-                                        model%clock%time, field(h%area)%values(1, 1:n), &
-                                        field(place_field)%values(:, 1:n), &
-                                        field(h%normal)%values(:, 1:n), &
-                                        field(h%displacement)%values(:, 1:n), &
-                                        field(h%velocity)%values(:, 1:n), force, only=c)
+        call model%skeleton%surface_forces%apply(model%comm, model%scene%mechanical_condition, &
+                                                 model%clock%time, field(h%area)%values(1, 1:n), &
+                                                 field(place_field)%values(:, 1:n), &
+                                                 field(h%normal)%values(:, 1:n), &
+                                                 field(h%displacement)%values(:, 1:n), &
+                                                 field(h%velocity)%values(:, 1:n), force, only=c)
       end associate
       call model%reactions%add_nodes(model%reactions%wall_of(c), of_loads, place, force)
     end do
@@ -174,8 +175,8 @@ contains
       if (model%reactions%wall_of(c) == 0) cycle
       force = 0.0_wp
       associate (field => model%surface%field, h => model%s, m => model%surface%count)
-        call model%surface_forces%react(field(h%area)%values(1, 1:m), &
-                                        field(h%normal)%values(:, 1:m), stress, force, only=c)
+        call model%skeleton%surface_forces%react(field(h%area)%values(1, 1:m), &
+                                              field(h%normal)%values(:, 1:m), stress, force, only=c)
       end associate
       call model%reactions%add_nodes(model%reactions%wall_of(c), 0, place, force)
     end do
@@ -189,7 +190,7 @@ contains
     real(wp) :: centre(ndim, model%grid%n_cell)
     integer :: c
 
-    if (.not. model%lifted .or. model%finite) return
+    if (.not. model%skeleton%lifted .or. model%finite) return
     call node_places(model, place)
     call find_group_centres(model, centre)
     allocate (force(ndim, model%grid%n_node))
@@ -216,7 +217,7 @@ contains
     end do
     if (.not. model%finite) return
     allocate (moved(1 + ndim, model%grid%n_node), source=0.0_wp)
-    associate (spread => model%surface_forces, displacement => model%s%displacement)
+    associate (spread => model%skeleton%surface_forces, displacement => model%s%displacement)
       do p = 1, model%surface%count
         do k = 1, spread%n_part
           do i = 1, size(spread%node, 1)
@@ -240,7 +241,7 @@ contains
     !! Complete nodal forces before damping.
     type(model_t), intent(inout) :: model
 
-    model%reactions%undamped = model%nodal(2 + ndim:, :)
+    model%reactions%undamped = model%skeleton%nodal(2 + ndim:, :)
   end subroutine keep_undamped
 
   subroutine book_rigid_wall(model, wall, dt, before)
@@ -255,7 +256,8 @@ contains
     associate (reactions => model%reactions)
       do i = 1, model%grid%n_node
         if (.not. model%grid%node_map%is_owned(i)) cycle
-        force = max(model%nodal(1, i), model%inertia(i))*(model%velocity(:, i) - before(:, i))/dt
+        force = max(model%skeleton%nodal(1, i), &
+                    model%skeleton%inertia(i))*(model%skeleton%velocity(:, i) - before(:, i))/dt
         if (.not. any(abs(force) > 0.0_wp)) cycle
         call reactions%add(reactions%n_surface + wall, place_of(model, i), force)
         reactions%by_walls(:, i) = reactions%by_walls(:, i) + force
@@ -312,16 +314,16 @@ contains
     integer :: a, i
     logical :: is_held
 
-    call model%nodal_conditions%holders(holder)
+    call model%skeleton%nodal_conditions%holders(holder)
     share = flip
-    if (allocated(model%node_share)) share = model%node_share
-    if (model%extension%is_on) then
-      change = (model%velocity - spread(share, 1, ndim)*model%velocity_old)/dt
+    if (allocated(model%skeleton%node_share)) share = model%skeleton%node_share
+    if (model%mesh%extension%is_on) then
+      change = (model%skeleton%velocity - spread(share, 1, ndim)*model%skeleton%velocity_old)/dt
       call inertia_forces(model, holder > 0, change)
-      change = change - spread((1.0_wp - share)/dt, 1, ndim)*model%nodal(2:1 + ndim, :)
+      change = change - spread((1.0_wp - share)/dt, 1, ndim)*model%skeleton%nodal(2:1 + ndim, :)
       if (present(push)) then
         later = push
-        call model%extension%fold(model%comm, model%grid, ndim, later, holder > 0)
+        call model%mesh%extension%fold(model%comm, model%grid, ndim, later, holder > 0)
       end if
     end if
     associate (reactions => model%reactions, total => model%reactions%total)
@@ -330,7 +332,7 @@ contains
       if (.not. present(at_start)) reactions%noise = sum_of_momenta(model)/dt
       do i = 1, model%grid%n_node
         if (.not. model%grid%node_map%is_owned(i)) cycle
-        force = model%nodal(2 + ndim:, i)
+        force = model%skeleton%nodal(2 + ndim:, i)
         undamped = force
         if (allocated(reactions%undamped)) undamped = reactions%undamped(:, i)
         more = 0.0_wp
@@ -338,31 +340,34 @@ contains
         if (allocated(later)) more = later(:, i)
         if (allocated(reactions%by_walls)) more = more + reactions%by_walls(:, i)
         inverse = 0.0_wp
-        if (model%nodal(1, i) > tiny(1.0_wp)*1.0e20_wp) inverse = 1.0_wp/model%nodal(1, i)
-        inertia = (model%velocity(:, i) - share(i)*model%velocity_old(:, i) - &
-                   (1.0_wp - share(i))*model%nodal(2:1 + ndim, i)*inverse)/dt
-        carried = model%nodal(1, i)
+        if (model%skeleton%nodal(1, &
+                            i) > tiny(1.0_wp)*1.0e20_wp) inverse = 1.0_wp/model%skeleton%nodal(1, i)
+        inertia = (model%skeleton%velocity(:, i) - share(i)*model%skeleton%velocity_old(:, i) - &
+                   (1.0_wp - share(i))*model%skeleton%nodal(2:1 + ndim, i)*inverse)/dt
+        carried = model%skeleton%nodal(1, i)
         if (present(at_start)) carried = 0.0_wp
         if (allocated(change)) then
           inertia = change(:, i)
           if (present(at_start)) total(:, of_inertia) = total(:, of_inertia) + inertia
         else
           total(:, of_inertia) = total(:, of_inertia) + &
-                                 (max(model%nodal(1, i), model%inertia(i)) - carried)*inertia
-          inertia = max(model%nodal(1, i), model%inertia(i))*inertia
+                                 (max(model%skeleton%nodal(1, i), &
+                                      model%skeleton%inertia(i)) - carried)*inertia
+          inertia = max(model%skeleton%nodal(1, i), model%skeleton%inertia(i))*inertia
         end if
         reactions%gross = reactions%gross + norm2(inertia)
         do a = 1, ndim
           is_held = holder(a, i) > 0
           if (is_held) then   ! nodes that do not move are not damped; those of plates may move
-            if (.not. model%nodal_conditions%plate(holder(a, i))) force(a) = undamped(a)
+            if (.not. model%skeleton%nodal_conditions%plate(holder(a, i))) force(a) = undamped(a)
           end if
           rest = 0.0_wp
           rest(a) = inertia(a) - force(a) - more(a)
           if (is_held) then
-            call reactions%add(reactions%wall_of(model%nodal_conditions%condition(holder(a, i))), &
+            call reactions%add(reactions%wall_of(model%skeleton%nodal_conditions%condition( &
+                                                 holder(a, i))), &
                                place_of(model, i), rest)
-          else if (.not. model%nodal(1, i) > least_mass) then
+          else if (.not. model%skeleton%nodal(1, i) > least_mass) then
             total(:, of_light_nodes) = total(:, of_light_nodes) + rest
             reactions%gross = reactions%gross + abs(rest(a))
           end if
@@ -383,7 +388,7 @@ contains
     real(wp) :: rest(ndim)
     integer :: a, i
 
-    call model%nodal_conditions%holders(holder)
+    call model%skeleton%nodal_conditions%holders(holder)
     call add_weight(model)
     call node_places(model, place)
     do i = 1, model%grid%n_node
@@ -393,7 +398,8 @@ contains
         rest = 0.0_wp
         rest(a) = -force(a, i)
         call model%reactions%add(model%reactions%wall_of( &
-                                 model%nodal_conditions%condition(holder(a, i))), place(:, i), rest)
+                                 model%skeleton%nodal_conditions%condition(holder(a, i))), &
+                                 place(:, i), rest)
       end do
     end do
     call end_sum(model)

@@ -126,8 +126,8 @@ contains
 
     call find_flow(model, stage%time, stage%start + pressure, water)
     call system%stored_by_projection(pressure, stored)
-    water = stage%supply + stage%flow_weight*water - stored - model%water_weight* &
+    water = stage%supply + stage%flow_weight*water - stored - model%mesh%water_weight* &
             (content_change(model, stage%start, stage%start + pressure) - &
-             model%storage%compressibility*pressure)
+             model%water%storage%compressibility*pressure)
   end subroutine missing_in_place
 end module dosui_formulation

@@ -99,7 +99,7 @@ contains
 
     h = model%scene%grid_spacing
     self%length = h
-    self%pressure = model%skeleton_modulus
+    self%pressure = model%scales%skeleton_modulus
     if (model%rigid) self%pressure = model%scene%water%unit_weight*h
     self%force = self%pressure*h**(ndim - 1)
     self%volume = h**ndim
@@ -169,7 +169,7 @@ contains
     integer :: c, p, i, k
 
     allocate (touch(ndim, model%grid%n_node), source=0.0_wp)
-    call cell_lists(model%particles%count, model%cell, model%grid%n_cell, start, particle)
+    call cell_lists(model%particles%count, model%mesh%cell, model%grid%n_cell, start, particle)
     call mean_operators(model, means)
     do c = 1, model%grid%n_cell
       if (start(c + 1) == start(c)) cycle
@@ -178,7 +178,7 @@ contains
         do i = 1, operators%n_node
           do k = 1, ndim
             touch(k, operators%node(i)) = &
-              touch(k, operators%node(i)) + model%weight(particle(start(c) + p - 1))* &
+              touch(k, operators%node(i)) + model%mesh%weight(particle(start(c) + p - 1))* &
               sum(operators%strain(:, ndim*(i - 1) + k, p)**2)
           end do
         end do
@@ -187,8 +187,8 @@ contains
     call add_springs(model, touch)
     call model%grid%node_map%sum_copies(model%comm, ndim, touch)
     is_empty = .not. touch > empty_node*model%grid%spacing**(ndim - 2)
-    if (model%extension%is_on) is_empty = is_empty .and. &
-                                          .not. spread(model%extension%follows, 1, ndim)
+    if (model%mesh%extension%is_on) is_empty = is_empty .and. &
+                                               .not. spread(model%mesh%extension%follows, 1, ndim)
   end subroutine find_empty
 
   subroutine add_springs(model, touch)
@@ -202,13 +202,13 @@ contains
     integer :: a, e, i
 
     associate (field => model%surface%field, h => model%s, m => model%surface%count)
-      do e = 1, size(model%surface_forces%entry_point)
-        call model%surface_forces%spring(e, field(h%area)%values(1, 1:m), &
-                                         node, weight, spring)
+      do e = 1, size(model%skeleton%surface_forces%entry_point)
+        call model%skeleton%surface_forces%spring(e, field(h%area)%values(1, 1:m), &
+                                                  node, weight, spring)
         do i = 1, size(node)
           do a = 1, ndim
             touch(a, node(i)) = touch(a, node(i)) + &
-                                weight(i)**2*spring(a, a)/model%skeleton_modulus
+                                weight(i)**2*spring(a, a)/model%scales%skeleton_modulus
           end do
         end do
       end do
@@ -222,7 +222,7 @@ contains
     integer :: k
 
     do k = 1, model%grid%n_node
-      is_light(:, k) = .not. model%nodal(1, k) > light_node_mass(model)
+      is_light(:, k) = .not. model%skeleton%nodal(1, k) > light_node_mass(model)
     end do
   end subroutine find_light
 
@@ -232,13 +232,13 @@ contains
     type(means_t), intent(out) :: means
     integer :: c, width
 
-    if (.not. model%centred) return
+    if (.not. model%skeleton%centred) return
     width = nsig*ndim*2**ndim
     allocate (means%part(nsig, ndim*2**ndim, model%grid%n_cell))
     do c = 1, model%grid%n_cell
-      call model%quadrature%strain_operator(model%grid, c, means%part(:, :, c))
+      call model%mesh%quadrature%strain_operator(model%grid, c, means%part(:, :, c))
     end do
-    if (.not. model%lifted) return
+    if (.not. model%skeleton%lifted) return
     call find_lifts(model, width, means%lift)
   end subroutine mean_operators
 
@@ -251,8 +251,8 @@ contains
 
     allocate (lift(width, model%grid%n_cell), source=0.0_wp)
     associate (field => model%surface%field, h => model%s, m => model%surface%count)
-      call model%surface_forces%lift_operators(field(h%area)%values(1, 1:m), &
-                                               field(h%normal)%values(:, 1:m), lift)
+      call model%skeleton%surface_forces%lift_operators(field(h%area)%values(1, 1:m), &
+                                                        field(h%normal)%values(:, 1:m), lift)
     end associate
     call model%grid%cell_map%sum_copies(model%comm, width, lift)
     lifts = reshape(lift, [nsig, ndim*2**ndim, model%grid%n_cell])
@@ -270,7 +270,7 @@ contains
     integer :: k, i, a, c, first, last, column, list(2**ndim)
     real(wp) :: whole, part(nsig, ndim*2**ndim)
 
-    associate (quadrature => model%quadrature, corner => model%grid%cell_node)
+    associate (quadrature => model%mesh%quadrature, corner => model%grid%cell_node)
       first = quadrature%member_start(quadrature%group(cell))
       last = quadrature%member_start(quadrature%group(cell) + 1) - 1
       node = corner(:, cell)
@@ -326,35 +326,37 @@ contains
     integer, allocatable :: node(:)
 
     if (allocated(means%part)) then
-      if (model%quadrature%exact .and. .not. model%quadrature%fitted) then
+      if (model%mesh%quadrature%exact .and. .not. model%mesh%quadrature%fitted) then
         call mean_of_cell(model, means, cell, node, strain, volume)
         if (model%finite) deallocate (volume)   ! it is that of the deformed cell
       else
         strain = means%part(:, :, cell)
-        if (allocated(means%lift) .and. model%quadrature%measure(cell) > 0.0_wp) then
-          strain = strain + means%lift(:, :, cell)/model%quadrature%measure(cell)
+        if (allocated(means%lift) .and. model%mesh%quadrature%measure(cell) > 0.0_wp) then
+          strain = strain + means%lift(:, :, cell)/model%mesh%quadrature%measure(cell)
         end if
       end if
     end if
     if (model%finite .and. allocated(strain)) then
       associate (field => model%particles%field)
-        call cell_strain_operators(model%grid, cell, model%patch(particle), &
+        call cell_strain_operators(model%grid, cell, model%mesh%patch(particle), &
                                    field(model%p%position)%values(:, particle), &
-                                   model%own_volume(particle), model%averaged, operators, &
+                                   model%skeleton%own_volume(particle), &
+                                   model%skeleton%averaged, operators, &
                                    centre=strain, &
-                                   inverse=model%inverse_deformation(:, :, particle), &
+                                   inverse=model%skeleton%inverse_deformation(:, :, particle), &
                                    reference=field(model%p%reference_volume)%values(1, particle), &
                                    mean_node=node)
       end associate
     else if (model%finite) then
-      call cell_strain_operators(model%grid, cell, model%patch(particle), &
+      call cell_strain_operators(model%grid, cell, model%mesh%patch(particle), &
                                  model%particles%field(model%p%position)%values(:, particle), &
-                                 model%own_volume(particle), model%averaged, operators, &
-                                 inverse=model%inverse_deformation(:, :, particle))
+                                 model%skeleton%own_volume(particle), model%skeleton%averaged, &
+                                 operators, &
+                                 inverse=model%skeleton%inverse_deformation(:, :, particle))
     else
-      call cell_strain_operators(model%grid, cell, model%patch(particle), &
+      call cell_strain_operators(model%grid, cell, model%mesh%patch(particle), &
                                  model%particles%field(model%p%position)%values(:, particle), &
-                                 model%weight(particle), model%averaged, operators, &
+                                 model%mesh%weight(particle), model%skeleton%averaged, operators, &
                                  centre=strain, mean_node=node, mean_volume=volume, &
                                  particle=particle)
     end if
@@ -372,8 +374,8 @@ contains
     integer :: c
     logical :: walls_move
 
-    walls_move = any(model%nodal_conditions%wall%is_guided())
-    call cell_lists(model%particles%count, model%cell, model%grid%n_cell, start, particle)
+    walls_move = any(model%skeleton%nodal_conditions%wall%is_guided())
+    call cell_lists(model%particles%count, model%mesh%cell, model%grid%n_cell, start, particle)
     call mean_operators(model, means)
     call hourglass_operators(model%grid%spacing, hourglass)
     do c = 1, model%grid%n_cell
@@ -420,8 +422,8 @@ contains
     matrix = 0.0_wp
     do p = 1, size(particle)
       k = particle(p)
-      if (allocated(model%tangent)) then
-        tangent = model%tangent(:, :, k)
+      if (allocated(model%skeleton%tangent)) then
+        tangent = model%skeleton%tangent(:, :, k)
       else
         call elastic_tangent(model, k, tangent)
       end if
@@ -429,18 +431,18 @@ contains
         tangent = tangent*model%particles%field(model%p%reference_volume)%values(1, k)/ &
                   model%particles%field(model%p%volume)%values(1, k)
       end if
-      matrix = matrix + model%weight(k)*product_of(operators%strain(:, :, p), tangent)
+      matrix = matrix + model%mesh%weight(k)*product_of(operators%strain(:, :, p), tangent)
     end do
     if (model%finite) call add_geometric(model, operators, particle, matrix)
-    if (size(particle) == 1 .and. (model%centred .or. model%finite)) then
+    if (size(particle) == 1 .and. (model%skeleton%centred .or. model%finite)) then
       m = ndim*2**ndim   ! the cell's corners come first in its list of nodes
-      if (allocated(model%tangent)) call elastic_tangent(model, particle(1), tangent)
+      if (allocated(model%skeleton%tangent)) call elastic_tangent(model, particle(1), tangent)
       do p = 1, 2**ndim
         matrix(1:m, 1:m) = matrix(1:m, 1:m) + hourglass_stiffness/2**ndim* &
-                           model%weight(particle(1))*product_of(hourglass(:, :, p), tangent)
+                           model%mesh%weight(particle(1))*product_of(hourglass(:, :, p), tangent)
       end do
     end if
-    call find_part_deviations(model, model%cell(particle(1)), node, deviation, volume)
+    call find_part_deviations(model, model%mesh%cell(particle(1)), node, deviation, volume)
     if (size(volume) > 0) then
       call elastic_tangent(model, particle(1), tangent)
       place = [((ndim*(findloc(operators%node, node(i), dim=1) - 1) + a, a=1, ndim), &
@@ -506,7 +508,8 @@ contains
         call material%tangent(field(h%effective_stress)%values(:, p), &
                               field(h%state)%values(:, p), tangent)
       else
-        call material%tangent(field(h%effective_stress)%values(:, p), model%no_state(:, p), &
+        call material%tangent(field(h%effective_stress)%values(:, p), &
+                              model%skeleton%no_state(:, p), &
                               tangent)
       end if
     end associate
@@ -530,7 +533,7 @@ contains
       do p = 1, size(particle)
         if (.not. model%unsaturated) exit
         bearing(p) = bearing(p)* &
-                     model%retention(model%material(particle(p)))%saturation(bearing(p))
+                     model%water%retention(model%material(particle(p)))%saturation(bearing(p))
       end do
     end if
 
@@ -538,7 +541,7 @@ contains
                v0 => model%particles%field(model%p%reference_volume)%values)
       mean = 0.0_wp
       water = 0.0_wp
-      if (model%averaged) then
+      if (model%skeleton%averaged) then
         do p = 1, size(particle)
           k = particle(p)
           do a = 1, n_volume
@@ -553,21 +556,21 @@ contains
       do p = 1, size(particle)
         k = particle(p)
         stress = sigma(:, k)
-        volume = model%weight(k)
-        if (model%averaged) then
+        volume = model%mesh%weight(k)
+        if (model%skeleton%averaged) then
           do a = 1, n_volume
             stress(volume_slot(a)) = stress(volume_slot(a)) - sum(sigma(volume_slot, k))/n_volume
           end do
-          volume = model%own_volume(k)
+          volume = model%skeleton%own_volume(k)
         else
           water = bearing(p)
         end if
-        call geometric_stiffness(operators%gradient(:, :, p), stress*model%weight(k), &
+        call geometric_stiffness(operators%gradient(:, :, p), stress*model%mesh%weight(k), &
                                  (water - mean)*volume, geometric)
         matrix = matrix + geometric
       end do
-      if (.not. model%averaged) return
-      volume = sum(model%own_volume(particle))
+      if (.not. model%skeleton%averaged) return
+      volume = sum(model%skeleton%own_volume(particle))
       do i = 1, size(matrix, 2)
         matrix(:, i) = matrix(:, i) - mean*volume*operators%volume(:, 1)*operators%volume(i, 1)
       end do
@@ -597,13 +600,13 @@ contains
     do p = 1, size(particle)
       k = particle(p)
       if (model%unsaturated) then
-        associate (retention => model%retention(model%material(k)), &
+        associate (retention => model%water%retention(model%material(k)), &
                    pressure => model%particles%field(model%p%pore_pressure)%values(1, k))
           saturation = retention%saturation(pressure)
           bearing = saturation + pressure*retention%capacity(pressure)
         end associate
       end if
-      change = model%water_weight(k)*operators%volume(:, p)
+      change = model%mesh%water_weight(k)*operators%volume(:, p)
       if (keeps_all) then
         do i = 1, size(change)
           if (.not. abs(change(i)) > 0.0_wp) cycle
@@ -691,7 +694,8 @@ contains
                        share => self%unknowns%share, place => ndim*(node - 1) + a)
               do j = start(place), start(place + 1) - 1
                 do i = start(place), start(place + 1) - 1
-                  call skeleton%add(row(i), row(j), share(i)*share(j)*model%nodal(1, node)* &
+                  call skeleton%add(row(i), row(j), share(i)*share(j)*model%skeleton%nodal(1, &
+                                                                                           node)* &
                                     self%length/self%force)
                 end do
               end do
@@ -700,7 +704,8 @@ contains
           end if
         end if
         call skeleton%add(self%unknowns%row(a, node), self%unknowns%row(a, node), &
-                          max(model%nodal(1, node), model%inertia(node))*self%length/self%force)
+                          max(model%skeleton%nodal(1, node), &
+                              model%skeleton%inertia(node))*self%length/self%force)
       end do
     end do
   end subroutine add_masses
@@ -762,8 +767,9 @@ contains
     integer :: e, i, j
 
     associate (field => model%surface%field, h => model%s, m => model%surface%count)
-      do e = 1, size(model%surface_forces%entry_point)
-        call model%surface_forces%spring(e, field(h%area)%values(1, 1:m), node, weight, spring)
+      do e = 1, size(model%skeleton%surface_forces%entry_point)
+        call model%skeleton%surface_forces%spring(e, field(h%area)%values(1, 1:m), node, &
+                                                  weight, spring)
         if (size(node) == 0) cycle
         allocate (matrix(ndim*size(node), ndim*size(node)))
         do j = 1, size(node)
@@ -787,7 +793,7 @@ contains
 
     associate (grid => model%grid)
       place = (model%surface%field(model%s%position)%values(:, p) - grid%origin)/grid%spacing - &
-              real(grid%cell_base(:, model%surface_cell(p)), wp)
+              real(grid%cell_base(:, model%mesh%surface_cell(p)), wp)
       call hat_gradients(place, spread(0.0_wp, 1, ndim), grid%spacing, gradient)
     end associate
   end subroutine surface_gradients
@@ -803,12 +809,12 @@ contains
     integer, parameter :: half = ndim*2**ndim
     integer :: e, p, i, j, k, a, b
 
-    associate (field => model%surface%field, h => model%s, forces => model%surface_forces)
+    associate (field => model%surface%field, h => model%s, forces => model%skeleton%surface_forces)
       do e = 1, size(forces%entry_point)
         p = forces%entry_point(e)
         associate (condition => model%scene%mechanical_condition(forces%entry_condition(e)))
           if (condition%kind /= 'pressure' .and. condition%kind /= 'reservoir') cycle
-          if (model%surface_cell(p) == 0) cycle
+          if (model%mesh%surface_cell(p) == 0) cycle
           load = condition%pressure_at(model%clock%time, &
                                        field(h%current_position)%values(:, p))* &
                  field(h%area)%values(1, p)
@@ -820,7 +826,7 @@ contains
         do k = 1, forces%n_part
           if (forces%cell(k, p) == 0) cycle
           associate (n => field(h%normal)%values(:, p), node => forces%node(:, k, p), &
-                     around => model%grid%cell_node(:, model%surface_cell(p)))
+                     around => model%grid%cell_node(:, model%mesh%surface_cell(p)))
             matrix = 0.0_wp
             do j = 1, 2**ndim
               do i = 1, 2**ndim
@@ -864,7 +870,8 @@ contains
     integer :: n_storage
 
     call add_storage(self, model, storage, coupling)
-    if (model%nonlinear .or. model%switching) self%storage_place = storage_places(self, storage)
+    if (model%nonlinear .or. model%water%switching) self%storage_place = storage_places(self, &
+                                                                                        storage)
     if (model%unsaturated) call add_capacity(self, model, storage, coupling)
     n_storage = storage%n
     call coupling%finish()
@@ -888,9 +895,9 @@ contains
     real(wp) :: weight, diagonal
     integer :: i, k
 
-    associate (operator => model%head_operator, row => self%unknowns%particle_row)
+    associate (operator => model%water%head_operator, row => self%unknowns%particle_row)
       do i = 1, operator%n_row
-        weight = model%water_weight(i)/model%scene%water%unit_weight
+        weight = model%mesh%water_weight(i)/model%scene%water%unit_weight
         diagonal = 0.0_wp
         do k = operator%row_start(i), operator%row_start(i + 1) - 1
           diagonal = diagonal + operator%coefficient(k)
@@ -913,21 +920,23 @@ contains
     integer :: i, k, n
 
     n = model%particles%count
-    associate (operator => model%head_operator, row => self%unknowns%particle_row)
-      allocate (slope(size(model%head)), source=0.0_wp)
+    associate (operator => model%water%head_operator, row => self%unknowns%particle_row)
+      allocate (slope(size(model%water%head)), source=0.0_wp)
       allocate (entry(size(operator%coefficient)), diagonal(operator%n_row))
       do i = 1, n
-        slope(i) = model%retention(model%material(i))%conductivity_slope( &
+        slope(i) = model%water%retention(model%material(i))%conductivity_slope( &
                    model%particles%field(model%p%pore_pressure)%values(1, i))
       end do
-      call model%particle_map%gather(model%comm, 1, slope)
-      call operator%linearise(model%head, model%hydraulic_conditions%datum, model%relative, slope, &
-                              model%point_relative, model%scene%water%unit_weight, entry, diagonal)
+      call model%water%particle_map%gather(model%comm, 1, slope)
+      call operator%linearise(model%water%head, model%water%hydraulic_conditions%datum, &
+                              model%water%relative, slope, &
+                              model%water%point_relative, model%scene%water%unit_weight, entry, &
+                              diagonal)
       do i = 1, operator%n_row
         do k = operator%row_start(i), operator%row_start(i + 1) - 1
-          call storage%add(row(i), row(operator%column(k)), -model%water_weight(i)*entry(k))
+          call storage%add(row(i), row(operator%column(k)), -model%mesh%water_weight(i)*entry(k))
         end do
-        call storage%add(row(i), row(i), -model%water_weight(i)*diagonal(i))
+        call storage%add(row(i), row(i), -model%mesh%water_weight(i)*diagonal(i))
       end do
     end associate
   end subroutine add_relative_flow
@@ -957,10 +966,10 @@ contains
 
     n = model%particles%count
     added = compressibility_at(model, model%particles%field(model%p%pore_pressure)%values(1, 1:n)) &
-            - model%storage%compressibility
+            - model%water%storage%compressibility
     do p = 1, n
       call storage%add(self%unknowns%particle_row(p), self%unknowns%particle_row(p), &
-                       model%water_weight(p)*added(p))
+                       model%mesh%water_weight(p)*added(p))
       call coupling%add(self%unknowns%particle_row(p), self%unknowns%particle_row(p), 0.0_wp)
     end do
   end subroutine add_capacity
@@ -977,10 +986,10 @@ contains
     integer :: n, b, c, i, j, p, q
 
     n = model%particles%count
-    associate (row => self%unknowns%particle_row, w => model%water_weight)
-      if (.not. model%storage%projected) then
+    associate (row => self%unknowns%particle_row, w => model%mesh%water_weight)
+      if (.not. model%water%storage%projected) then
         do p = 1, n
-          call storage%add(row(p), row(p), w(p)*model%storage%compressibility(p))
+          call storage%add(row(p), row(p), w(p)*model%water%storage%compressibility(p))
           softness = 0.0_wp
           if (.not. model%rigid) softness = w(p)/volume_modulus(model, p)
           call coupling%add(row(p), row(p), softness)
@@ -1003,12 +1012,12 @@ contains
           do i = start(b), start(b + 1) - 1
             p = particle(i)
             c = group_of(p)
-            value = w(q)/block_weight(b)*(1.0_wp/model%storage%of_block(b) - &
-                                          1.0_wp/model%storage%in_block(b))
+            value = w(q)/block_weight(b)*(1.0_wp/model%water%storage%of_block(b) - &
+                                          1.0_wp/model%water%storage%in_block(b))
             softness = 0.0_wp
             if (group_of(q) == c) then
-              stiff = 1.0_wp/model%storage%in_cell(c)
-              value = value + w(q)/cell_weight(c)*(1.0_wp/model%storage%in_block(b) - stiff)
+              stiff = 1.0_wp/model%water%storage%in_cell(c)
+              value = value + w(q)/cell_weight(c)*(1.0_wp/model%water%storage%in_block(b) - stiff)
               if (p == q) value = value + stiff
               softness = w(q)/cell_weight(c)/volume_modulus(model, p)
             end if
@@ -1025,8 +1034,8 @@ contains
       !! Cell that stands for those that share a particle's mean pressure.
       integer, intent(in) :: k
 
-      group_of = model%cell(k)
-      if (model%centred) group_of = model%quadrature%group(group_of)
+      group_of = model%mesh%cell(k)
+      if (model%skeleton%centred) group_of = model%mesh%quadrature%group(group_of)
     end function group_of
   end subroutine add_storage
 
@@ -1068,18 +1077,18 @@ contains
     integer :: c, p, k, i
 
     allocate (internal(ndim, model%grid%n_node), source=0.0_wp)
-    call cell_lists(model%particles%count, model%cell, model%grid%n_cell, start, particle)
+    call cell_lists(model%particles%count, model%mesh%cell, model%grid%n_cell, start, particle)
     call mean_operators(model, means)
     do c = 1, model%grid%n_cell
       if (start(c + 1) == start(c)) cycle
       call operators_of_cell(model, c, particle(start(c):start(c + 1) - 1), means, operators)
       do p = 1, size(operators%strain, 3)
         k = particle(start(c) + p - 1)
-        cell_force = -model%weight(k)* &
+        cell_force = -model%mesh%weight(k)* &
                      matmul(model%particles%field(model%p%effective_stress)%values(:, k), &
                             operators%strain(:, :, p))
         if (self%unknowns%n_p > 0) then
-          cell_force = cell_force + model%weight(k)*pressure(k)*operators%volume(:, p)
+          cell_force = cell_force + model%mesh%weight(k)*pressure(k)*operators%volume(:, p)
         end if
         do i = 1, operators%n_node
           internal(:, operators%node(i)) = internal(:, operators%node(i)) + &
@@ -1181,8 +1190,8 @@ contains
     integer, allocatable :: start(:), particle(:), node(:)
     integer :: c, k
 
-    if (.not. (model%centred .or. model%finite)) return
-    call cell_lists(model%particles%count, model%cell, model%grid%n_cell, start, particle)
+    if (.not. (model%skeleton%centred .or. model%finite)) return
+    call cell_lists(model%particles%count, model%mesh%cell, model%grid%n_cell, start, particle)
     call hourglass_operators(model%grid%spacing, hourglass)
     allocate (internal(ndim, model%grid%n_node), source=0.0_wp)
     do c = 1, model%grid%n_cell
@@ -1190,7 +1199,7 @@ contains
       k = particle(start(c))
       call elastic_tangent(model, k, tangent)
       if (start(c + 1) - start(c) == 1) then
-        share = hourglass_stiffness/2**ndim*model%weight(k)
+        share = hourglass_stiffness/2**ndim*model%mesh%weight(k)
         call resist(model%grid%cell_node(:, c), hourglass, share)
       end if
       call find_part_deviations(model, c, node, deviation, volume)
@@ -1243,8 +1252,9 @@ contains
     integer :: a, c, i, k, column
 
     allocate (volume(0))
-    if (.not. (model%quadrature%exact .and. model%centred) .or. model%quadrature%fitted) return
-    associate (quadrature => model%quadrature, corner => model%grid%cell_node)
+    if (.not. (model%mesh%quadrature%exact .and. &
+               model%skeleton%centred) .or. model%mesh%quadrature%fitted) return
+    associate (quadrature => model%mesh%quadrature, corner => model%grid%cell_node)
       k = quadrature%group(cell)
       member = quadrature%member(quadrature%member_start(k):quadrature%member_start(k + 1) - 1)
       member = pack(member, quadrature%host(member) == cell)

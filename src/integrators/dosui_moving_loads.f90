@@ -34,13 +34,14 @@ contains
               .not. any(abs(field(h%surface)%values(:, p)) > 0.0_wp)) is_shut(p) = .true.
         end if
       end do
-      call model%outer_pressure%init(model%comm, model%grid, model%scene%mechanical_condition, &
-                                     walls, size(cell), cell, m, model%surface_cell, &
+      call model%skeleton%outer_pressure%init(model%comm, model%grid, &
+                                              model%scene%mechanical_condition, &
+                                              walls, size(cell), cell, m, model%mesh%surface_cell, &
                                      field(handle)%values(:, 1:m), field(h%normal)%values(:, 1:m), &
-                                     field(h%area)%values(1, 1:m), model%by_force, &
-                                     model%on_nodes, is_shut, &
-                                     model%nodal_conditions%node, &
-                                     model%nodal_conditions%direction)
+                                            field(h%area)%values(1, 1:m), model%skeleton%by_force, &
+                                              model%skeleton%on_nodes, is_shut, &
+                                              model%skeleton%nodal_conditions%node, &
+                                              model%skeleton%nodal_conditions%direction)
     end associate
   end subroutine build_moving_loads
 
@@ -50,27 +51,28 @@ contains
     real(wp), allocatable :: nodal(:), force(:, :), load(:, :), given(:), met(:), of_tractions(:)
     integer :: m
 
-    if (.not. model%outer_pressure%acts) return
+    if (.not. model%skeleton%outer_pressure%acts) return
     m = model%surface%count
     allocate (nodal(model%grid%n_node), given(m), met(m), of_tractions(m))
     allocate (force(ndim, model%grid%n_node), load(ndim, model%grid%n_node), source=0.0_wp)
-    associate (field => model%surface%field, h => model%s, outer => model%outer_pressure)
+    associate (field => model%surface%field, h => model%s, outer => model%skeleton%outer_pressure)
       call outer%at_nodes(model%scene%mechanical_condition, model%grid, model%clock%time, nodal)
       call outer%at_points(model%scene%mechanical_condition, model%clock%time, &
                            field(h%position)%values(:, 1:m), field(h%normal)%values(:, 1:m), &
-                           model%by_force, given, of_tractions)
+                           model%skeleton%by_force, given, of_tractions)
       call add_body_part(model, nodal, force)
-      call model%surface_forces%values_of(nodal, met)
+      call model%skeleton%surface_forces%values_of(nodal, met)
       met = merge(given - met, 0.0_wp, outer%is_open)
       associate (area => field(h%area)%values(1, 1:m), normal => field(h%normal)%values(:, 1:m))
-        call model%surface_forces%press(area, normal, met, force)
-        call model%surface_forces%press(area, normal, given, load)
+        call model%skeleton%surface_forces%press(area, normal, met, force)
+        call model%skeleton%surface_forces%press(area, normal, given, load)
         call outer%take_at_walls(load, force)
-        call model%surface_forces%press(area, normal, -of_tractions, force)   ! there already
+        call model%skeleton%surface_forces%press(area, normal, -of_tractions, &
+                                                 force)   ! there already
       end associate
     end associate
     if (model%reactions%is_wanted) call book_loads(model, force)
-    model%nodal(2 + ndim:, :) = model%nodal(2 + ndim:, :) + force
+    model%skeleton%nodal(2 + ndim:, :) = model%skeleton%nodal(2 + ndim:, :) + force
   end subroutine add_moving_loads
 
   subroutine add_body_part(model, nodal, force)
@@ -84,27 +86,28 @@ contains
     n = model%particles%count
     allocate (own(n), slope(ndim, n))
     associate (position => model%particles%field(model%p%position)%values)
-      call model%outer_pressure%at_particles(model%grid, n, model%cell, position, nodal, own, slope)
-      if (model%averaged) then
+      call model%skeleton%outer_pressure%at_particles(model%grid, n, model%mesh%cell, position, &
+                                                      nodal, own, slope)
+      if (model%skeleton%averaged) then
         allocate (mean(model%grid%n_cell))
-        call cell_sums(n, model%cell, model%weight, own, model%grid%n_cell, mean)
-        call model%average%cell_means(model%comm, model%grid, 1, mean)
+        call cell_sums(n, model%mesh%cell, model%mesh%weight, own, model%grid%n_cell, mean)
+        call model%mesh%average%cell_means(model%comm, model%grid, 1, mean)
         do p = 1, n
-          own(p) = mean(model%cell(p))
-          if (.not. model%centred) cycle
-          if (.not. model%quadrature%is_ragged(model%cell(p))) own(p) = 0.0_wp
+          own(p) = mean(model%mesh%cell(p))
+          if (.not. model%skeleton%centred) cycle
+          if (.not. model%mesh%quadrature%is_ragged(model%mesh%cell(p))) own(p) = 0.0_wp
         end do
       end if
-      if (model%centred) then
-        where (model%quadrature%is_ragged) mean = 0.0_wp
+      if (model%skeleton%centred) then
+        where (model%mesh%quadrature%is_ragged) mean = 0.0_wp
         allocate (stress(nsig, model%grid%n_cell), source=0.0_wp)
         do a = 1, n_volume
           stress(volume_slot(a), :) = mean
         end do
-        call model%quadrature%forces(model%grid, model%average%cell_weight, stress, force)
+        call model%mesh%quadrature%forces(model%grid, model%mesh%average%cell_weight, stress, force)
       end if
-      call pressure_forces(model%grid, n, model%patch, position, model%weight, &
-                           model%pressed_volume, own, slope, force)
+      call pressure_forces(model%grid, n, model%mesh%patch, position, model%mesh%weight, &
+                           model%skeleton%pressed_volume, own, slope, force)
     end associate
   end subroutine add_body_part
 end module dosui_moving_loads

@@ -22,7 +22,7 @@ contains
     saturation = 1.0_wp
     if (.not. model%unsaturated) return
     do p = 1, size(pressure)
-      saturation(p) = model%retention(model%material(p))%saturation(pressure(p))
+      saturation(p) = model%water%retention(model%material(p))%saturation(pressure(p))
     end do
   end function saturation_at
 
@@ -49,7 +49,7 @@ contains
         return
       end if
       do p = 1, size(pressure)
-        associate (retention => model%retention(model%material(p)))
+        associate (retention => model%water%retention(model%material(p)))
           compressibility(p) = porosity(1, p)* &
                                (retention%saturation(pressure(p))/modulus + &
                                 retention%capacity(pressure(p))*(1.0_wp + pressure(p)/modulus))

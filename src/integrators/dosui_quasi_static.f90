@@ -144,7 +144,8 @@ contains
     call self%report_forces(model, model%clock%time, motion)
     if (.not. model%coupled) return
     if (self%solver%formulation%follows_places) call wet_masses(model, before, before + pressure)
-    model%pressure_scale = max(model%pressure_scale, root_mean_square(model, pressure))
+    model%scales%pressure_scale = max(model%scales%pressure_scale, root_mean_square(model, &
+                                                                                    pressure))
   end subroutine quasi_static_settle
 
   subroutine quasi_static_step(self, model, err)
@@ -308,7 +309,7 @@ contains
     type(error_t), intent(inout) :: err
 
     changed = .false.
-    if (.not. model%switching) return
+    if (.not. model%water%switching) return
     associate (start => model%particles%field(model%p%pore_pressure)%values)
       call self%seepage%review(model, model%clock%time + model%clock%dt, &
                                start(1, 1:size(pressure)) + pressure, changed)

@@ -52,14 +52,14 @@ contains
     integer :: p, n
 
     changed = .false.
-    if (.not. model%switching) return
+    if (.not. model%water%switching) return
     call set_surface_data(model, time)
     call prepare_flow(model, pressure)
     call measure(model, measured)
     call surface_elevation(model, elevation)
     n = 0
     do p = 1, model%surface%count
-      if (.not. model%hydraulic_conditions%may_switch(p)) cycle
+      if (.not. model%water%hydraulic_conditions%may_switch(p)) cycle
       if (self%n_changed(p) >= most_changes) cycle
       associate (now => model%surface%field(model%s%has_head)%values(1, p))
         has_head = wants_head(model, p, time, now > 0.5_wp, measured(p), elevation(p))
@@ -72,8 +72,8 @@ contains
     n = model%comm%sum(n)
     changed = n > 0
     if (.not. changed) return
-    model%switches = model%switches + int(n, i8)
-    call gather_field(model%comm, model%surface, model%surface_map, model%s%has_head)
+    model%water%switches = model%water%switches + int(n, i8)
+    call gather_field(model%comm, model%surface, model%water%surface_map, model%s%has_head)
     call rebuild(model, time)
   end subroutine seepage_review
 
@@ -81,16 +81,16 @@ contains
     !! Outward flux of owned surface points with a head [m/s], head of the others [m]. Collective.
     type(model_t), intent(inout) :: model
     real(wp), allocatable, intent(out) :: measured(:)
-    real(wp) :: values(model%surface_flux%n)
+    real(wp) :: values(model%water%surface_flux%n)
     integer :: e, p
 
     allocate (measured(model%surface%count + model%surface%ghost_count), source=0.0_wp)
     call surface_values(model, values)
-    do e = 1, model%surface_flux%n
-      p = model%surface_flux%point(e)
-      measured(p) = measured(p) + model%surface_flux%share(e)*values(e)
+    do e = 1, model%water%surface_flux%n
+      p = model%water%surface_flux%point(e)
+      measured(p) = measured(p) + model%water%surface_flux%share(e)*values(e)
     end do
-    call model%surface_map%scatter_add(model%comm, 1, measured)
+    call model%water%surface_map%scatter_add(model%comm, 1, measured)
   end subroutine measure
 
   logical function wants_head(model, p, time, has_head, measured, elevation)
@@ -104,7 +104,7 @@ contains
     real(wp) :: value, allowed
 
     associate (condition => model%scene%hydraulic_condition( &
-               model%hydraulic_conditions%condition(p)), &
+               model%water%hydraulic_conditions%condition(p)), &
                field => model%surface%field, k => maxval(model%scene%material% &
                                                          hydraulic_conductivity%constant))
       value = 0.0_wp
@@ -120,7 +120,7 @@ contains
         end if
         wants_head = -measured <= allowed
       else
-        wants_head = measured - elevation > slack*model%spacing
+        wants_head = measured - elevation > slack*model%scales%spacing
       end if
     end associate
   end function wants_head
@@ -135,7 +135,7 @@ contains
     place = model%p%water_position
     call build_water(model, place)
     call set_surface_data(model, time)
-    model%rebuilds = model%rebuilds + 1
+    model%decomposition%rebuilds = model%decomposition%rebuilds + 1
     call model%timers%stop(model%phase%rebuild)
   end subroutine rebuild
 end module dosui_seepage

@@ -111,7 +111,7 @@ contains
     call water_rate(model, model%particles%field(model%p%pore_pressure)%values(1, 1:n), rate)
     call add_sources(model, model%clock%time + model%clock%dt, rate, inflow)
     call add_to_balance(model, model%clock%dt*inflow, before, before + pressure)
-    if (.not. model%switching) return
+    if (.not. model%water%switching) return
     call seepage%start_step(model)
     call seepage%review(model, model%clock%time + model%clock%dt, before + pressure, changed)
   end subroutine semi_implicit_advance
@@ -123,7 +123,7 @@ contains
     real(wp), intent(in) :: pressure(:)   !! changes of the pressures [Pa]
     real(wp) :: push(ndim, model%grid%n_node)
 
-    if (model%lifted) call report_lifted(model, pressure)
+    if (model%skeleton%lifted) call report_lifted(model, pressure)
     call self%system%pressure_forces(model, pressure, push)
     call finish_forces(model, push)
   end subroutine report_forces
@@ -135,8 +135,9 @@ contains
     real(wp) :: mean(model%grid%n_cell), stress(nsig, model%grid%n_cell)
     integer :: a
 
-    call cell_sums(size(pressure), model%cell, model%water_weight, pressure, size(mean), mean)
-    call model%average%group_means(model%comm, model%grid, 1, mean)
+    call cell_sums(size(pressure), model%mesh%cell, model%mesh%water_weight, pressure, &
+                   size(mean), mean)
+    call model%mesh%average%group_means(model%comm, model%grid, 1, mean)
     stress = 0.0_wp
     do a = 1, n_volume
       stress(volume_slot(a), :) = -mean
@@ -165,7 +166,7 @@ contains
     real(wp), intent(in) :: expected(:)   !! volume changes of the projection [m3]
 
     associate (unmet => model%particles%field(model%p%unmet_volume)%values, n => size(expected))
-      unmet(1, 1:n) = model%water_weight(1:n)*model%volume_strain(1:n) - expected
+      unmet(1, 1:n) = model%mesh%water_weight(1:n)*model%water%volume_strain(1:n) - expected
     end associate
   end subroutine note_unmet
 
@@ -185,7 +186,7 @@ contains
     allocate (motion(ndim, model%grid%n_node), none(ndim, model%grid%n_node), source=0.0_wp)
     allocate (pressure(n), supply(n), squeezed(n), source=0.0_wp)
     call find_supply(model, supply)
-    call self%system%volume_change(model%clock%dt*model%velocity, squeezed)
+    call self%system%volume_change(model%clock%dt*model%skeleton%velocity, squeezed)
     supply = supply - squeezed
     if (model%p%unmet_volume > 0) then
       supply = supply - model%particles%field(model%p%unmet_volume)%values(1, 1:n)
@@ -200,7 +201,7 @@ contains
     allocate (expected(n), source=0.0_wp)
     call self%system%volume_change(motion, expected)
     expected = expected + squeezed
-    model%velocity = model%velocity + motion/model%clock%dt
+    model%skeleton%velocity = model%skeleton%velocity + motion/model%clock%dt
     if (allocated(model%scene%rigid_wall)) call meet_again(self, model, pressure, motion)
   end subroutine find_pressure
 
@@ -219,12 +220,12 @@ contains
     allocate (push(ndim, model%grid%n_node))
     call self%system%pressure_forces(model, pressure, push)
     allocate (mass(1, model%grid%n_node))
-    mass(1, :) = max(model%nodal(1, :), model%inertia)
-    if (model%extension%is_on) then
+    mass(1, :) = max(model%skeleton%nodal(1, :), model%skeleton%inertia)
+    if (model%mesh%extension%is_on) then
       call held_components(model, model%clock%time + model%clock%dt, .false., held, known, plate)
       held = held .or. self%by_walls
-      call model%extension%fold(model%comm, model%grid, ndim, push, held)
-      call model%extension%fold(model%comm, model%grid, 1, mass)
+      call model%mesh%extension%fold(model%comm, model%grid, ndim, push, held)
+      call model%mesh%extension%fold(model%comm, model%grid, 1, mass)
       change = motion/model%clock%dt**2
       call inertia_forces(model, held, change)
       where (self%by_walls) push = push - change   ! the mass beside moves
@@ -234,34 +235,35 @@ contains
       if (model%grid%node_map%is_owned(i)) then
         where (self%by_walls(:, i)) model%balance%wall_impulse = &
           model%balance%wall_impulse - model%clock%dt*push(:, i)
-        if (.not. model%nodal(1, i) > light_node_mass(model)) then
+        if (.not. model%skeleton%nodal(1, i) > light_node_mass(model)) then
           where (.not. self%by_walls(:, i)) model%balance%lost_impulse = &
             model%balance%lost_impulse - model%clock%dt*push(:, i)
         end if
       end if
       push(:, i) = push(:, i)*model%clock%dt/max(mass(1, i), light_node_mass(model))
     end do
-    before = model%velocity
+    before = model%skeleton%velocity
     call correct_friction(model%scene%rigid_wall, model%grid, self%taken, push, self%by_walls, &
-                          model%velocity)
-    call meet_walls(model%scene%rigid_wall, model%grid, model%velocity)
-    if (model%extension%is_on) then
-      call model%extension%expand(model%comm, model%grid, ndim, model%velocity, held)
-      call meet_walls(model%scene%rigid_wall, model%grid, model%velocity)
+                          model%skeleton%velocity)
+    call meet_walls(model%scene%rigid_wall, model%grid, model%skeleton%velocity)
+    if (model%mesh%extension%is_on) then
+      call model%mesh%extension%expand(model%comm, model%grid, ndim, model%skeleton%velocity, held)
+      call meet_walls(model%scene%rigid_wall, model%grid, model%skeleton%velocity)
     end if
     call book_wall_impulse(model, before)
     if (.not. model%reactions%is_wanted) return
-    model%velocity = before   ! once more, wall by wall
+    model%skeleton%velocity = before   ! once more, wall by wall
     do k = 1, size(model%scene%rigid_wall)
-      before = model%velocity
+      before = model%skeleton%velocity
       call correct_friction(model%scene%rigid_wall(k:k), model%grid, self%taken, push, &
-                            self%by_walls, model%velocity)
-      if (model%extension%is_on) call model%extension%expand(model%comm, model%grid, ndim, &
-                                                             model%velocity, held)
+                            self%by_walls, model%skeleton%velocity)
+      if (model%mesh%extension%is_on) call model%mesh%extension%expand(model%comm, model%grid, &
+                                                                       ndim, &
+                                                                      model%skeleton%velocity, held)
       call book_rigid_wall(model, k, model%clock%dt, before)
     end do
     call meet_one_by_one(model, model%clock%dt, held=held)
-    if (model%extension%is_on) call meet_one_by_one(model, model%clock%dt)
+    if (model%mesh%extension%is_on) call meet_one_by_one(model, model%clock%dt)
   end subroutine meet_again
 
   subroutine prepare(self, model, err)
@@ -271,10 +273,10 @@ contains
     type(error_t), intent(inout) :: err
 
     call model%timers%start(model%phase%assembly)
-    if (.not. self%is_built .or. self%rebuilds /= model%rebuilds) then
+    if (.not. self%is_built .or. self%rebuilds /= model%decomposition%rebuilds) then
       call self%system%build(model, .true., err, self%by_walls)
       self%is_built = .not. err%failed()
-      self%rebuilds = model%rebuilds
+      self%rebuilds = model%decomposition%rebuilds
     end if
     if (.not. err%failed()) call self%system%set_step(model%clock%dt, err)
     call model%timers%stop(model%phase%assembly)
@@ -294,7 +296,7 @@ contains
     call set_surface_data(model, model%clock%time + model%clock%dt)
     call water_rate(model, pressure, supply)
     call add_sources(model, model%clock%time + model%clock%dt, supply, inflow)
-    supply = model%clock%dt*model%water_weight*supply
+    supply = model%clock%dt*model%mesh%water_weight*supply
     call model%timers%stop(model%phase%water)
   end subroutine find_supply
 
@@ -307,8 +309,9 @@ contains
 
     associate (courant => model%scene%time%courant, h => model%scene%grid_spacing)
       limits(1)%name = 'skeleton wave speed'
-      limits(1)%dt = cut_share(model)*courant*h/sqrt(model%skeleton_modulus/model%density)
-      if (model%lifted) then
+      limits(1)%dt = cut_share(model)*courant* &
+                     h/sqrt(model%scales%skeleton_modulus/model%scales%density)
+      if (model%skeleton%lifted) then
         limits(4)%name = 'walls off the grid lines'
         limits(4)%dt = wall_share*limits(1)%dt
       end if

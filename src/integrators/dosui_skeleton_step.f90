@@ -42,9 +42,9 @@ contains
     end if
     if (model%reactions%is_wanted) call begin_forces(model, gravity, shaking)
     gravity = gravity - shaking
-    if (model%centred) then
+    if (model%skeleton%centred) then
       call spread_centred(model, gravity)
-    else if (model%averaged) then
+    else if (model%skeleton%averaged) then
       call spread_averaged(model, gravity)
     else
       call spread_pointwise(model, gravity)
@@ -53,7 +53,7 @@ contains
     call add_surface_forces(model)
     call model%timers%stop(model%phase%to_grid)
     call model%timers%start(model%phase%halo)
-    call model%grid%node_map%sum_copies(model%comm, 1 + 2*ndim, model%nodal)
+    call model%grid%node_map%sum_copies(model%comm, 1 + 2*ndim, model%skeleton%nodal)
     call model%timers%stop(model%phase%halo)
     call shift_weight(model)
   end subroutine gather_forces
@@ -62,8 +62,8 @@ contains
     !! Weight and initial stresses of parts of cells act where these have them. Collective.
     type(model_t), intent(inout) :: model
 
-    if (.not. allocated(model%shift)) return
-    model%nodal(2 + ndim:, :) = model%nodal(2 + ndim:, :) + model%shift
+    if (.not. allocated(model%skeleton%shift)) return
+    model%skeleton%nodal(2 + ndim:, :) = model%skeleton%nodal(2 + ndim:, :) + model%skeleton%shift
     if (model%reactions%is_wanted) call book_wall_shifts(model)
   end subroutine shift_weight
 
@@ -77,13 +77,14 @@ contains
     end if
     associate (field => model%particles%field, h => model%p, n => model%particles%count)
       allocate (none(n), source=0.0_wp)
-      call particles_to_grid(model%grid, n, model%patch, field(h%position)%values, &
+      call particles_to_grid(model%grid, n, model%mesh%patch, field(h%position)%values, &
                              field(h%velocity)%values, field(h%mass)%values, none, &
-                             field(h%effective_stress)%values, model%scene%gravity, model%nodal)
+                             field(h%effective_stress)%values, model%scene%gravity, &
+                             model%skeleton%nodal)
     end associate
     if (model%sources%has_force) call add_body_forces(model)
     call add_surface_forces(model)
-    call model%grid%node_map%sum_copies(model%comm, 1 + 2*ndim, model%nodal)
+    call model%grid%node_map%sum_copies(model%comm, 1 + 2*ndim, model%skeleton%nodal)
     call shift_weight(model)
   end subroutine gather_loads
 
@@ -97,12 +98,13 @@ contains
     allocate (stress(nsig, model%grid%n_cell), pressure(model%grid%n_cell))
     pressure = 0.0_wp
     associate (field => model%particles%field, h => model%p, n => model%particles%count)
-      call cell_tensor_sums(n, model%cell, model%weight, field(h%effective_stress)%values, &
+      call cell_tensor_sums(n, model%mesh%cell, model%mesh%weight, &
+                            field(h%effective_stress)%values, &
                             model%grid%n_cell, stress)
-      call model%average%cell_means(model%comm, model%grid, nsig, stress)
+      call model%mesh%average%cell_means(model%comm, model%grid, nsig, stress)
     end associate
     if (model%coupled) call mean_cell_pressures(model, pressure)
-    if (model%quadrature%has_ragged) then
+    if (model%mesh%quadrature%has_ragged) then
       call take_ragged(model, pressure, stress, bearing)
       call spread_particles(model, gravity, cell_stress=stress, pore_pressure=bearing)
     else
@@ -111,20 +113,20 @@ contains
     do a = 1, n_volume
       stress(volume_slot(a), :) = stress(volume_slot(a), :) - pressure
     end do
-    call model%quadrature%forces(model%grid, model%average%cell_weight, stress, &
-                                 model%nodal(2 + ndim:, :))
-    if (.not. model%lifted) return
-    if (model%quadrature%has_groups) then   ! lifts act on whole groups
+    call model%mesh%quadrature%forces(model%grid, model%mesh%average%cell_weight, stress, &
+                                      model%skeleton%nodal(2 + ndim:, :))
+    if (.not. model%skeleton%lifted) return
+    if (model%mesh%quadrature%has_groups) then   ! lifts act on whole groups
       do a = 1, nsig
-        stress(a, :) = model%average%cell_weight*stress(a, :)
+        stress(a, :) = model%mesh%average%cell_weight*stress(a, :)
       end do
-      call model%average%group_means(model%comm, model%grid, nsig, stress)
+      call model%mesh%average%group_means(model%comm, model%grid, nsig, stress)
     end if
     if (model%reactions%is_wanted) call book_reactions(model, stress)
     associate (field => model%surface%field, h => model%s, m => model%surface%count)
-      call model%surface_forces%react(field(h%area)%values(1, 1:m), &
-                                      field(h%normal)%values(:, 1:m), stress, &
-                                      model%nodal(2 + ndim:, :))
+      call model%skeleton%surface_forces%react(field(h%area)%values(1, 1:m), &
+                                               field(h%normal)%values(:, 1:m), stress, &
+                                               model%skeleton%nodal(2 + ndim:, :))
     end associate
   end subroutine spread_centred
 
@@ -143,11 +145,11 @@ contains
     end do
     allocate (bearing(model%particles%count), source=0.0_wp)
     do p = 1, size(bearing)
-      if (model%quadrature%is_ragged(model%cell(p))) bearing(p) = mean(model%cell(p))
+      if (model%mesh%quadrature%is_ragged(model%mesh%cell(p))) bearing(p) = mean(model%mesh%cell(p))
     end do
-    where (model%quadrature%is_ragged) pressure = 0.0_wp
+    where (model%mesh%quadrature%is_ragged) pressure = 0.0_wp
     do a = 1, nsig
-      where (model%quadrature%is_ragged) stress(a, :) = 0.0_wp
+      where (model%mesh%quadrature%is_ragged) stress(a, :) = 0.0_wp
     end do
   end subroutine take_ragged
 
@@ -159,9 +161,10 @@ contains
 
     allocate (mean(model%grid%n_cell), pressure(model%grid%n_cell))
     associate (field => model%particles%field, h => model%p, n => model%particles%count)
-      call cell_trace_sums(n, model%cell, model%weight, field(h%effective_stress)%values, &
+      call cell_trace_sums(n, model%mesh%cell, model%mesh%weight, &
+                           field(h%effective_stress)%values, &
                            model%grid%n_cell, mean)
-      call model%average%cell_means(model%comm, model%grid, 1, mean)
+      call model%mesh%average%cell_means(model%comm, model%grid, 1, mean)
       mean = mean/real(n_volume, wp)
       if (model%coupled) then
         call mean_cell_pressures(model, pressure)
@@ -177,14 +180,14 @@ contains
     real(wp), intent(out) :: pressure(:)
 
     if (model%unsaturated) then
-      call cell_sums(model%particles%count, model%cell, model%water_weight, &
+      call cell_sums(model%particles%count, model%mesh%cell, model%mesh%water_weight, &
                      bearing_pressure(model), model%grid%n_cell, pressure)
     else
-      call cell_sums(model%particles%count, model%cell, model%water_weight, &
+      call cell_sums(model%particles%count, model%mesh%cell, model%mesh%water_weight, &
                      model%particles%field(model%p%pore_pressure)%values, model%grid%n_cell, &
                      pressure)
     end if
-    call model%average%group_means(model%comm, model%grid, 1, pressure)
+    call model%mesh%average%group_means(model%comm, model%grid, 1, pressure)
   end subroutine mean_cell_pressures
 
   subroutine spread_pointwise(model, gravity)
@@ -213,17 +216,17 @@ contains
 
     associate (field => model%particles%field, h => model%p, n => model%particles%count)
       if (h%affine > 0) then
-        call particles_to_grid(model%grid, n, model%patch, field(h%position)%values, &
-                               field(h%velocity)%values, field(h%mass)%values, model%weight, &
-                               field(h%effective_stress)%values, gravity, model%nodal, &
+        call particles_to_grid(model%grid, n, model%mesh%patch, field(h%position)%values, &
+                               field(h%velocity)%values, field(h%mass)%values, model%mesh%weight, &
+                               field(h%effective_stress)%values, gravity, model%skeleton%nodal, &
                                affine=field(h%affine)%values, pore_pressure=pore_pressure, &
-                               cell=model%cell, cell_mean_stress=cell_mean_stress, &
+                               cell=model%mesh%cell, cell_mean_stress=cell_mean_stress, &
                                cell_stress=cell_stress)
       else
-        call particles_to_grid(model%grid, n, model%patch, field(h%position)%values, &
-                               field(h%velocity)%values, field(h%mass)%values, model%weight, &
-                               field(h%effective_stress)%values, gravity, model%nodal, &
-                               pore_pressure=pore_pressure, cell=model%cell, &
+        call particles_to_grid(model%grid, n, model%mesh%patch, field(h%position)%values, &
+                               field(h%velocity)%values, field(h%mass)%values, model%mesh%weight, &
+                               field(h%effective_stress)%values, gravity, model%skeleton%nodal, &
+                               pore_pressure=pore_pressure, cell=model%mesh%cell, &
                                cell_mean_stress=cell_mean_stress, cell_stress=cell_stress)
       end if
     end associate
@@ -236,11 +239,11 @@ contains
 
     associate (n => model%particles%count, &
                position => model%particles%field(model%p%position)%values)
-      call model%sources%add_forces(model%grid, n, model%patch, position, model%weight, &
-                                    model%clock%time, model%nodal(2 + ndim:, :))
+      call model%sources%add_forces(model%grid, n, model%mesh%patch, position, model%mesh%weight, &
+                                    model%clock%time, model%skeleton%nodal(2 + ndim:, :))
       if (.not. model%reactions%is_wanted) return
       allocate (force(ndim, model%grid%n_node), source=0.0_wp)
-      call model%sources%add_forces(model%grid, n, model%patch, position, model%weight, &
+      call model%sources%add_forces(model%grid, n, model%mesh%patch, position, model%mesh%weight, &
                                     model%clock%time, force)
     end associate
     call book_sources(model, force)
@@ -254,12 +257,13 @@ contains
     place = model%s%current_position
     if (model%reactions%is_wanted) call book_surface_forces(model, place)
     associate (field => model%surface%field, h => model%s, n => model%surface%count)
-      call model%surface_forces%apply(model%comm, model%scene%mechanical_condition, &
-                                      model%clock%time, field(h%area)%values(1, 1:n), &
-                                      field(place)%values(:, 1:n), &
-                                      field(h%normal)%values(:, 1:n), &
-                                      field(h%displacement)%values(:, 1:n), &
-                                      field(h%velocity)%values(:, 1:n), model%nodal(2 + ndim:, :))
+      call model%skeleton%surface_forces%apply(model%comm, model%scene%mechanical_condition, &
+                                               model%clock%time, field(h%area)%values(1, 1:n), &
+                                               field(place)%values(:, 1:n), &
+                                               field(h%normal)%values(:, 1:n), &
+                                               field(h%displacement)%values(:, 1:n), &
+                                               field(h%velocity)%values(:, 1:n), &
+                                               model%skeleton%nodal(2 + ndim:, :))
     end associate
     if (model%updated) call add_moving_loads(model)
   end subroutine add_surface_forces
@@ -274,27 +278,28 @@ contains
     integer, allocatable :: plate(:, :)
 
     call model%timers%start(model%phase%nodes)
-    if (model%extension%is_on) then
+    if (model%mesh%extension%is_on) then
       call held_components(model, model%clock%time + model%clock%dt, .false., held, known, plate)
       call fold_nodal(model, held)
     end if
-    if (model%damping_kind /= damping_none) then
+    if (model%skeleton%damping_kind /= damping_none) then
       if (model%reactions%is_wanted) call keep_undamped(model)
-      call damp_forces(model%damping_kind, &
-                       damping_at(model%damping_kind, model%damping, model%damping_start, &
-                                  model%clock%time), model%grid%n_node, model%nodal)
+      call damp_forces(model%skeleton%damping_kind, &
+                       damping_at(model%skeleton%damping_kind, model%skeleton%damping, &
+                                  model%skeleton%damping_start, &
+                                  model%clock%time), model%grid%n_node, model%skeleton%nodal)
     end if
-    if (model%extension%is_on) then
+    if (model%mesh%extension%is_on) then
       call solve_nodal(model, model%clock%dt, model%clock%time + model%clock%dt, .false., held, &
                        known, plate, light_node_mass(model))
     else
       call advance_velocities(model%grid%n_node, model%clock%dt, light_node_mass(model), &
-                              model%inertia, model%nodal, &
-                              model%velocity_old, model%velocity)
-      call model%nodal_conditions%apply(model%comm, model%grid, &
-                                        model%clock%time + model%clock%dt, model%clock%dt, &
-                                        max(model%nodal(1, :), model%inertia), &
-                                        model%velocity_old, model%velocity)
+                              model%skeleton%inertia, model%skeleton%nodal, &
+                              model%skeleton%velocity_old, model%skeleton%velocity)
+      call model%skeleton%nodal_conditions%apply(model%comm, model%grid, &
+                                                model%clock%time + model%clock%dt, model%clock%dt, &
+                                          max(model%skeleton%nodal(1, :), model%skeleton%inertia), &
+                                               model%skeleton%velocity_old, model%skeleton%velocity)
     end if
     if (allocated(model%scene%rigid_wall)) call meet_rigid_walls(model, held, is_held, taken)
     call model%timers%stop(model%phase%nodes)
@@ -310,32 +315,32 @@ contains
     real(wp), allocatable :: before(:, :)
     integer :: i
 
-    before = model%velocity
+    before = model%skeleton%velocity
     if (model%reactions%is_wanted) then
       call meet_one_by_one(model, model%clock%dt, is_held, taken, held)
     else
-      call meet_walls(model%scene%rigid_wall, model%grid, model%velocity, is_held, taken)
+      call meet_walls(model%scene%rigid_wall, model%grid, model%skeleton%velocity, is_held, taken)
     end if
-    if (model%extension%is_on) then
-      call model%extension%expand(model%comm, model%grid, ndim, model%velocity, held)
+    if (model%mesh%extension%is_on) then
+      call model%mesh%extension%expand(model%comm, model%grid, ndim, model%skeleton%velocity, held)
       do i = 1, model%grid%n_node   ! they meet walls once more
-        if (.not. model%extension%follows(i)) cycle
+        if (.not. model%mesh%extension%follows(i)) cycle
         if (present(is_held)) is_held(:, i) = .false.
         if (present(taken)) taken(:, i) = 0.0_wp
       end do
       if (model%reactions%is_wanted) then
         call meet_one_by_one(model, model%clock%dt, is_held, taken)
       else
-        call meet_walls(model%scene%rigid_wall, model%grid, model%velocity, is_held, taken)
+        call meet_walls(model%scene%rigid_wall, model%grid, model%skeleton%velocity, is_held, taken)
       end if
     end if
     if (model%relaxing) return
     call book_wall_impulse(model, before)
     do i = 1, model%grid%n_node
       if (.not. model%grid%node_map%is_owned(i)) cycle
-      if (model%nodal(1, i) > light_node_mass(model)) cycle
+      if (model%skeleton%nodal(1, i) > light_node_mass(model)) cycle
       model%balance%lost_impulse = model%balance%lost_impulse - &
-                                   model%clock%dt*model%nodal(2 + ndim:, i)
+                                   model%clock%dt*model%skeleton%nodal(2 + ndim:, i)
     end do
   end subroutine meet_rigid_walls
 
@@ -351,10 +356,11 @@ contains
     integer :: k
 
     do k = 1, size(model%scene%rigid_wall)
-      before = model%velocity
-      call meet_walls(model%scene%rigid_wall(k:k), model%grid, model%velocity, is_held, taken)
-      if (present(held)) call model%extension%expand(model%comm, model%grid, ndim, &
-                                                     model%velocity, held)
+      before = model%skeleton%velocity
+      call meet_walls(model%scene%rigid_wall(k:k), model%grid, model%skeleton%velocity, &
+                      is_held, taken)
+      if (present(held)) call model%mesh%extension%expand(model%comm, model%grid, ndim, &
+                                                          model%skeleton%velocity, held)
       call book_rigid_wall(model, k, dt, before)
       if (.not. present(is_held)) cycle
       where (is_held .and. model%reactions%holder == 0) model%reactions%holder = k
@@ -380,23 +386,26 @@ contains
     call model%reactions%want(model%clock%time, second, 0_i8)
     if (.not. model%reactions%is_wanted) return
     call gather_forces(model)
-    model%nodal(2:1 + ndim, :) = 0.0_wp
-    if (model%extension%is_on) then
+    model%skeleton%nodal(2:1 + ndim, :) = 0.0_wp
+    if (model%mesh%extension%is_on) then
       call held_components(model, model%clock%time + second, .true., held, known, plate)
       call fold_nodal(model, held)
       call solve_nodal(model, second, model%clock%time + second, .true., held, known, plate, &
                        light_node_mass(model))
     else
-      call advance_velocities(model%grid%n_node, second, light_node_mass(model), model%inertia, &
-                              model%nodal, model%velocity_old, model%velocity)
-      call model%nodal_conditions%apply(model%comm, model%grid, &
-                                        model%clock%time, second, &
-                                        max(model%nodal(1, :), model%inertia), &
-                                        model%velocity_old, model%velocity, at_rest=.true.)
+      call advance_velocities(model%grid%n_node, second, light_node_mass(model), &
+                              model%skeleton%inertia, &
+                              model%skeleton%nodal, model%skeleton%velocity_old, &
+                              model%skeleton%velocity)
+      call model%skeleton%nodal_conditions%apply(model%comm, model%grid, &
+                                                 model%clock%time, second, &
+                                          max(model%skeleton%nodal(1, :), model%skeleton%inertia), &
+                                             model%skeleton%velocity_old, model%skeleton%velocity, &
+                                                 at_rest=.true.)
     end if
     if (allocated(model%scene%rigid_wall)) then
       call meet_one_by_one(model, second, held=held)
-      if (model%extension%is_on) call meet_one_by_one(model, second)
+      if (model%mesh%extension%is_on) call meet_one_by_one(model, second)
     end if
     call close_step(model, second, flip_share(model), light_node_mass(model), at_start=.true.)
   end subroutine start_forces
@@ -410,7 +419,8 @@ contains
     if (model%scene%mechanics%transfer == 'flip') flip = 1.0_wp
     if (model%scene%mechanics%transfer == 'blend') flip = model%scene%mechanics%flip_fraction
     if (model%scene%mechanics%transfer /= 'aflip') return
-    if (.not. allocated(model%node_filter_time)) flip = exp(-model%clock%dt/model%filter_time)
+    if (.not. allocated(model%skeleton%node_filter_time)) flip = exp(-model%clock%dt/ &
+                                                                     model%skeleton%filter_time)
   end function flip_share
 
   subroutine book_wall_impulse(model, before)
@@ -422,7 +432,8 @@ contains
     do i = 1, model%grid%n_node
       if (.not. model%grid%node_map%is_owned(i)) cycle
       model%balance%wall_impulse = model%balance%wall_impulse + &
-                                   model%nodal(1, i)*(model%velocity(:, i) - before(:, i))
+                                   model%skeleton%nodal(1, i)*(model%skeleton%velocity(:, &
+                                                                                  i) - before(:, i))
     end do
   end subroutine book_wall_impulse
 
@@ -431,17 +442,17 @@ contains
     type(model_t), intent(inout) :: model
     real(wp), intent(out) :: acceleration(:, :)   !! (ndim, n_node) [m/s2]
 
-    if (model%extension%is_on) then
+    if (model%mesh%extension%is_on) then
       call accelerate_extended(model, acceleration)
       return
     end if
     call advance_velocities(model%grid%n_node, 1.0_wp, light_node_mass(model), &
-                            model%inertia, model%nodal, &
-                            model%velocity_old, acceleration)
-    call model%nodal_conditions%apply(model%comm, model%grid, &
-                                      model%clock%time, 1.0_wp, &
-                                      max(model%nodal(1, :), model%inertia), &
-                                      model%velocity_old, acceleration, at_rest=.true.)
+                            model%skeleton%inertia, model%skeleton%nodal, &
+                            model%skeleton%velocity_old, acceleration)
+    call model%skeleton%nodal_conditions%apply(model%comm, model%grid, &
+                                               model%clock%time, 1.0_wp, &
+                                          max(model%skeleton%nodal(1, :), model%skeleton%inertia), &
+                                          model%skeleton%velocity_old, acceleration, at_rest=.true.)
     if (allocated(model%scene%rigid_wall)) then
       call rest_on_walls(model%scene%rigid_wall, model%grid, acceleration)
     end if
@@ -466,13 +477,13 @@ contains
         known = 0.0_wp
       end where
     end if
-    velocity = model%velocity
-    model%nodal(2:1 + ndim, :) = 0.0_wp
+    velocity = model%skeleton%velocity
+    model%skeleton%nodal(2:1 + ndim, :) = 0.0_wp
     call fold_nodal(model, held)
     call solve_nodal(model, 1.0_wp, model%clock%time, .true., held, known, plate, &
                      light_node_mass(model))
-    acceleration = model%velocity
-    model%velocity = velocity
+    acceleration = model%skeleton%velocity
+    model%skeleton%velocity = velocity
     if (allocated(model%scene%rigid_wall)) then   ! of walls along no axis
       call rest_on_walls(model%scene%rigid_wall, model%grid, acceleration)
     end if
@@ -482,7 +493,7 @@ contains
     !! Nodes with no more than this keep their velocity [kg].
     type(model_t), intent(in) :: model
 
-    mass = light_node*model%density*model%grid%spacing**ndim
+    mass = light_node*model%scales%density*model%grid%spacing**ndim
   end function light_node_mass
 
   pure subroutine advance_velocities(n, dt, least_mass, inertia, nodal, velocity_old, velocity)
@@ -521,13 +532,13 @@ contains
     call move_particles(model)
     call model%timers%stop(model%phase%to_particles)
     call model%timers%start(model%phase%stress)
-    if (model%centred) then
+    if (model%skeleton%centred) then
       call find_cell_strains(model, cell_strain, shift)
-    else if (model%averaged) then
+    else if (model%skeleton%averaged) then
       allocate (cell_strain(model%grid%n_cell))
-      call cell_trace_sums(model%particles%count, model%cell, model%weight, &
-                           model%strain_increment, model%grid%n_cell, cell_strain)
-      call model%average%cell_means(model%comm, model%grid, 1, cell_strain)
+      call cell_trace_sums(model%particles%count, model%mesh%cell, model%mesh%weight, &
+                           model%skeleton%strain_increment, model%grid%n_cell, cell_strain)
+      call model%mesh%average%cell_means(model%comm, model%grid, 1, cell_strain)
     end if
     call find_volume_strain(model, cell_strain)
     if (model%updated .and. model%p%deformation > 0 .and. .not. model%relaxing) then
@@ -537,11 +548,11 @@ contains
       if (h%state > 0) then
         call update_with(field(h%state)%values)
       else
-        call update_with(model%no_state)
+        call update_with(model%skeleton%no_state)
       end if
       if (model%updated) then
-        call update_volume(n, model%strain_increment, field(h%volume)%values, &
-                           field(h%porosity)%values, n_inverted, cell=model%cell, &
+        call update_volume(n, model%skeleton%strain_increment, field(h%volume)%values, &
+                           field(h%porosity)%values, n_inverted, cell=model%mesh%cell, &
                            cell_volume_strain=cell_strain, first=first, &
                            needs_pores=model%coupled, closes=closes)
         if (n_inverted > 0 .and. model%inverted == 0) then
@@ -560,15 +571,15 @@ contains
       real(wp), intent(inout) :: state(:, :)
       real(wp), allocatable :: spin(:, :)
 
-      if (.not. model%relaxing .and. allocated(model%spin)) then
-        call move_alloc(model%spin, spin)
+      if (.not. model%relaxing .and. allocated(model%skeleton%spin)) then
+        call move_alloc(model%skeleton%spin, spin)
       end if
       call update_stress(model%materials, model%particles%count, model%material, &
-                         model%strain_increment, &
+                         model%skeleton%strain_increment, &
                          model%particles%field(model%p%effective_stress)%values, state, err, &
-                         cell=model%cell, cell_volume_strain=cell_strain, cell_shift=shift, &
-                         spin=spin, tangent=model%tangent)
-      if (allocated(spin)) call move_alloc(spin, model%spin)
+                         cell=model%mesh%cell, cell_volume_strain=cell_strain, cell_shift=shift, &
+                         spin=spin, tangent=model%skeleton%tangent)
+      if (allocated(spin)) call move_alloc(spin, model%skeleton%spin)
     end subroutine update_with
   end subroutine update_particles
 
@@ -581,9 +592,9 @@ contains
 
     associate (f => model%particles%field(model%p%deformation)%values)
       do p = 1, model%particles%count
-        strain = model%strain_increment(:, p)
-        if (allocated(shift)) strain = strain + shift(:, model%cell(p))
-        f(:, p) = reshape(matmul(deformation(strain, model%spin(:, p)), &
+        strain = model%skeleton%strain_increment(:, p)
+        if (allocated(shift)) strain = strain + shift(:, model%mesh%cell(p))
+        f(:, p) = reshape(matmul(deformation(strain, model%skeleton%spin(:, p)), &
                                  reshape(f(:, p), [ndim, ndim])), [ndim*ndim])
       end do
     end associate
@@ -598,27 +609,27 @@ contains
 
     moves = model%updated .and. .not. model%relaxing
     flip = flip_share(model)
-    if (allocated(model%node_filter_time)) then
-      share = spread(exp(-model%clock%dt/model%node_filter_time), 1, 1)
+    if (allocated(model%skeleton%node_filter_time)) then
+      share = spread(exp(-model%clock%dt/model%skeleton%node_filter_time), 1, 1)
       ! what nodes that follow lose of their momentum others have: only shares that follow, too,
       ! keep the sum
-      call model%extension%expand(model%comm, model%grid, 1, share)
-      model%node_share = share(1, :)
+      call model%mesh%extension%expand(model%comm, model%grid, 1, share)
+      model%skeleton%node_share = share(1, :)
     end if
     associate (field => model%particles%field, h => model%p, n => model%particles%count)
       if (h%affine > 0) then   ! an absent node_share is no share
-        call grid_to_particles(model%grid, n, model%patch, model%clock%dt, flip, &
-                               model%velocity_old, model%velocity, moves, &
+        call grid_to_particles(model%grid, n, model%mesh%patch, model%clock%dt, flip, &
+                               model%skeleton%velocity_old, model%skeleton%velocity, moves, &
                                field(h%position)%values, field(h%velocity)%values, &
-                               field(h%displacement)%values, model%strain_increment, &
-                               affine=field(h%affine)%values, spin=model%spin, &
-                               share=model%node_share)
+                               field(h%displacement)%values, model%skeleton%strain_increment, &
+                               affine=field(h%affine)%values, spin=model%skeleton%spin, &
+                               share=model%skeleton%node_share)
       else
-        call grid_to_particles(model%grid, n, model%patch, model%clock%dt, flip, &
-                               model%velocity_old, model%velocity, moves, &
+        call grid_to_particles(model%grid, n, model%mesh%patch, model%clock%dt, flip, &
+                               model%skeleton%velocity_old, model%skeleton%velocity, moves, &
                                field(h%position)%values, field(h%velocity)%values, &
-                               field(h%displacement)%values, model%strain_increment, &
-                               spin=model%spin)
+                               field(h%displacement)%values, model%skeleton%strain_increment, &
+                               spin=model%skeleton%spin)
       end if
     end associate
   end subroutine move_particles
@@ -634,20 +645,20 @@ contains
     if (.not. model%coupled) return
     if (allocated(cell_strain)) then
       water_strain = cell_strain
-      if (model%centred .and. model%quadrature%has_groups) then
-        water_strain = model%average%cell_weight*cell_strain
-        call model%average%group_means(model%comm, model%grid, 1, water_strain)
+      if (model%skeleton%centred .and. model%mesh%quadrature%has_groups) then
+        water_strain = model%mesh%average%cell_weight*cell_strain
+        call model%mesh%average%group_means(model%comm, model%grid, 1, water_strain)
       end if
     end if
     do p = 1, model%particles%count
       if (allocated(cell_strain)) then
-        model%volume_strain(p) = water_strain(model%cell(p))
+        model%water%volume_strain(p) = water_strain(model%mesh%cell(p))
         cycle
       end if
-      model%volume_strain(p) = 0.0_wp
+      model%water%volume_strain(p) = 0.0_wp
       do d = 1, n_volume
-        model%volume_strain(p) = model%volume_strain(p) + &
-                                 model%strain_increment(volume_slot(d), p)
+        model%water%volume_strain(p) = model%water%volume_strain(p) + &
+                                       model%skeleton%strain_increment(volume_slot(d), p)
       end do
     end do
   end subroutine find_volume_strain
@@ -663,18 +674,18 @@ contains
 
     allocate (volume_strain(model%grid%n_cell), source=0.0_wp)
     allocate (shift(nsig, model%grid%n_cell), mean(nsig, model%grid%n_cell))
-    call model%quadrature%strains(model%grid, model%clock%dt, model%velocity, shift)
-    if (model%lifted) call lift_walls(model, shift)
+    call model%mesh%quadrature%strains(model%grid, model%clock%dt, model%skeleton%velocity, shift)
+    if (model%skeleton%lifted) call lift_walls(model, shift)
     do a = 1, n_volume
       volume_strain = volume_strain + shift(volume_slot(a), :)
     end do
-    call cell_tensor_sums(model%particles%count, model%cell, model%weight, &
-                          model%strain_increment, model%grid%n_cell, mean)
-    call model%average%cell_means(model%comm, model%grid, nsig, mean)
+    call cell_tensor_sums(model%particles%count, model%mesh%cell, model%mesh%weight, &
+                          model%skeleton%strain_increment, model%grid%n_cell, mean)
+    call model%mesh%average%cell_means(model%comm, model%grid, nsig, mean)
     shift = shift - mean
-    if (.not. model%quadrature%has_ragged) return
+    if (.not. model%mesh%quadrature%has_ragged) return
     do c = 1, model%grid%n_cell
-      if (.not. model%quadrature%is_ragged(c)) cycle
+      if (.not. model%mesh%quadrature%is_ragged(c)) cycle
       shift(:, c) = 0.0_wp
       volume_strain(c) = 0.0_wp
       do a = 1, n_volume
@@ -692,16 +703,17 @@ contains
 
     allocate (lift(nsig, model%grid%n_cell), source=0.0_wp)
     associate (field => model%surface%field, h => model%s, m => model%surface%count)
-      call model%surface_forces%lift(model%clock%time + model%clock%dt, model%relaxing, &
-                                     field(h%area)%values(1, 1:m), &
-                                     field(h%normal)%values(:, 1:m), model%velocity, lift)
+      call model%skeleton%surface_forces%lift(model%clock%time + model%clock%dt, model%relaxing, &
+                                              field(h%area)%values(1, 1:m), &
+                                      field(h%normal)%values(:, 1:m), model%skeleton%velocity, lift)
     end associate
-    call model%average%group_sums(model%comm, model%grid, nsig, lift)
+    call model%mesh%average%group_sums(model%comm, model%grid, nsig, lift)
     do c = 1, model%grid%n_cell
-      if (model%quadrature%has_groups) then
-        strain(:, c) = strain(:, c) + lift(:, c)*(model%clock%dt*model%average%group_inverse(c))
-      else if (model%quadrature%measure(c) > 0.0_wp) then
-        strain(:, c) = strain(:, c) + lift(:, c)*(model%clock%dt/model%quadrature%measure(c))
+      if (model%mesh%quadrature%has_groups) then
+        strain(:, c) = strain(:, c) + lift(:, &
+                                           c)*(model%clock%dt*model%mesh%average%group_inverse(c))
+      else if (model%mesh%quadrature%measure(c) > 0.0_wp) then
+        strain(:, c) = strain(:, c) + lift(:, c)*(model%clock%dt/model%mesh%quadrature%measure(c))
       end if
     end do
   end subroutine lift_walls
@@ -711,7 +723,8 @@ contains
     type(model_t), intent(inout) :: model
 
     associate (field => model%surface%field, h => model%s, n => model%surface%count)
-      call model%surface_forces%point_velocity(model%velocity, field(h%velocity)%values(:, 1:n))
+      call model%skeleton%surface_forces%point_velocity(model%skeleton%velocity, &
+                                                        field(h%velocity)%values(:, 1:n))
       field(h%displacement)%values(:, 1:n) = field(h%displacement)%values(:, 1:n) + &
                                              model%clock%dt*field(h%velocity)%values(:, 1:n)
       if (model%updated .and. .not. model%relaxing) then
@@ -732,7 +745,7 @@ contains
 
     allocate (sums(1 + nsig + nshear, model%grid%n_node))
     call gather_strains(model, sums)
-    associate (field => model%surface%field, h => model%s, cell => model%surface_cell)
+    associate (field => model%surface%field, h => model%s, cell => model%mesh%surface_cell)
       do p = 1, model%surface%count
         if (cell(p) == 0) cycle
         around = 0.0_wp
@@ -758,14 +771,15 @@ contains
 
     allocate (is_wanted(model%grid%n_cell))
     do c = 1, model%grid%n_cell
-      is_wanted(c) = any(model%surface_node(model%grid%cell_node(:, c)))
+      is_wanted(c) = any(model%mesh%surface_node(model%grid%cell_node(:, c)))
     end do
     allocate (cell_sums(size(sums, 1), model%grid%n_cell), source=0.0_wp)
     do p = 1, model%particles%count
-      c = model%cell(p)
+      c = model%mesh%cell(p)
       if (.not. is_wanted(c)) cycle
       cell_sums(:, c) = cell_sums(:, c) + &
-                        model%weight(p)*[1.0_wp, model%strain_increment(:, p), model%spin(:, p)]
+                        model%mesh%weight(p)*[1.0_wp, model%skeleton%strain_increment(:, p), &
+                                              model%skeleton%spin(:, p)]
     end do
     sums = 0.0_wp
     do c = 1, model%grid%n_cell

@@ -37,7 +37,7 @@ contains
     real(wp), allocatable :: motion(:, :)
 
     self%is_linear = .not. model%nonlinear
-    if (.not. allocated(model%tangent)) return
+    if (.not. allocated(model%skeleton%tangent)) return
     allocate (motion(ndim, model%grid%n_node), source=0.0_wp)
     call self%take_start(model)
     model%clock%dt = 1.0_wp
@@ -75,8 +75,8 @@ contains
       model%surface%field(model%s%displacement)%values(:, 1:m) = self%surface_displacement
     end associate
     call zero_velocities(model)
-    model%velocity_old = 0.0_wp
-    model%velocity = motion/model%clock%dt
+    model%skeleton%velocity_old = 0.0_wp
+    model%skeleton%velocity = motion/model%clock%dt
     call update_particles(model, err)
     call model%comm%agree(err)
   end subroutine small_move_to
@@ -99,7 +99,7 @@ contains
       call gather_forces(model)
       field%values = velocity
     end associate
-    force = model%nodal(2 + ndim:, :)
+    force = model%skeleton%nodal(2 + ndim:, :)
     if (present(motion)) call add_hourglass_forces(model, motion, force)
     call system%unknowns%fold(model, force)
   end subroutine small_find_forces
@@ -117,7 +117,7 @@ contains
     associate (not_used => self, nor => err)
     end associate
     call missing_in_place(system, model, stage, pressure, water)
-    water = water - model%water_weight*model%volume_strain* &
+    water = water - model%mesh%water_weight*model%water%volume_strain* &
             mean_saturation(model, stage%start, stage%start + pressure)
   end subroutine small_find_missing_water
 

@@ -33,7 +33,7 @@ contains
           mass = merge(model%particles%field(h%mass)%values(1, 1:n), 0.0_wp, &
                        model%material(1:n) == k)
           mean = state(soil%mean_of, 1:n)
-          call average_particles(model%comm, model%grid, n, model%cell, &
+          call average_particles(model%comm, model%grid, n, model%mesh%cell, &
                                  model%particles%field(h%position)%values(:, 1:n), mass, &
                                  soil%mean_variance, mean)
           where (model%material(1:n) == k) state(soil%mean_state, 1:n) = mean

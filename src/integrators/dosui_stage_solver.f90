@@ -124,7 +124,7 @@ contains
     real(wp), allocatable :: motion(:, :)
 
     if (.not. self%is_moved) return
-    allocate (motion, mold=model%velocity)
+    allocate (motion, mold=model%skeleton%velocity)
     motion = 0.0_wp
     call self%formulation%move_to(model, motion, err)
     self%is_moved = .false.
@@ -353,7 +353,8 @@ contains
     stage%motion_change = model%comm%maximum(maxval(abs(stage%step)))/scale
     stage%change = stage%motion_change
     if (.not. model%coupled) return
-    scale = model%comm%maximum(maxval(abs(stage%start + pressure))) + model%pressure_scale + &
+    scale = model%comm%maximum(maxval(abs(stage%start + pressure))) + &
+            model%scales%pressure_scale + &
             newton_tolerance*self%system%pressure
     stage%water_change = stage%water_change/scale
     stage%change = max(stage%change, stage%water_change)
@@ -514,10 +515,11 @@ contains
     real(wp) :: tangent(nsig, nsig)
     integer :: p
 
-    if (.not. allocated(model%tangent)) return
+    if (.not. allocated(model%skeleton%tangent)) return
     do p = 1, model%particles%count
       call elastic_tangent(model, p, tangent)
-      model%tangent(:, :, p) = (1.0_wp - share)*model%tangent(:, :, p) + share*tangent
+      model%skeleton%tangent(:, :, p) = (1.0_wp - share)*model%skeleton%tangent(:, :, &
+                                                                                p) + share*tangent
     end do
   end subroutine stiffen
 
@@ -532,7 +534,7 @@ contains
     integer :: p
 
     do p = 1, size(step)
-      associate (curve => model%retention(model%material(p)))
+      associate (curve => model%water%retention(model%material(p)))
         if (.not. curve%is_active) cycle
         suction = max(0.0_wp, -pressure(p))
         most = suction + max(suction, curve%unit_weight/curve%alpha)

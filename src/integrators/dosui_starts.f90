@@ -49,7 +49,7 @@ contains
       if (model%finite) then
         displacement = 0.0_wp
       else
-        call model%surface_forces%forget(displacement(:, 1:m))
+        call model%skeleton%surface_forces%forget(displacement(:, 1:m))
       end if
     end associate
     call model%log%info('geostatic equilibrium after '//to_text(n_iteration)//' iterations')
@@ -111,7 +111,7 @@ contains
     end associate
     change = model%comm%maximum(change)
     if (first < 0.0_wp) first = max(change, model%grid%spacing*mean_stress_size(model)/ &
-                                    model%skeleton_modulus)   ! of stresses that end in a cell
+                                    model%scales%skeleton_modulus)   ! of stresses within a cell
     if (change > settled*first) n_solution = n_solution + 1
   end subroutine solve_equilibrium
 

@@ -67,7 +67,7 @@ contains
     if (model%fault%failed()) return
     n = model%particles%count
     if (.not. model%rigid) then
-      if (abs(sum(model%velocity)) <= largest) return
+      if (abs(sum(model%skeleton%velocity)) <= largest) return
     else if (model%coupled) then
       if (abs(sum(model%particles%field(model%p%pore_pressure)%values(1, 1:n))) <= largest) return
     end if
@@ -75,7 +75,7 @@ contains
     call find_fault(model, model%fault, .true.)   ! the cause, if it is a stress, pressure or volume
     if (model%fault%failed() .or. model%rigid) return
     do i = 1, model%grid%n_node
-      if (all(abs(model%velocity(:, i)) <= largest)) cycle
+      if (all(abs(model%skeleton%velocity(:, i)) <= largest)) cycle
       call model%fault%set('the force on the body at '// &
                            place_of(model, model%grid%origin + model%grid%spacing* &
                                     real(model%grid%node_index(:, i), wp))// &

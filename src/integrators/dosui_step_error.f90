@@ -50,7 +50,7 @@ contains
     real(wp) :: allowed, first
 
     error_norm = 0.0_wp
-    allocate (motion, mold=model%velocity)
+    allocate (motion, mold=model%skeleton%velocity)
     motion = 0.0_wp
     allocate (error_pressure(size(pressure)), supply(size(pressure)), source=0.0_wp)
     call solve_error(system, model, a, content, motion, error_pressure, err)
@@ -58,12 +58,13 @@ contains
     excess = start + pressure - &
              model%particles%field(model%p%start_pressure)%values(1, 1:size(pressure))
     allowed = root_mean_square(model, excess)
-    model%pressure_scale = max(model%pressure_scale, allowed)
-    allowed = model%scene%time%relative_tolerance*(allowed + scale_share*model%pressure_scale) + &
+    model%scales%pressure_scale = max(model%scales%pressure_scale, allowed)
+    allowed = model%scene%time%relative_tolerance*(allowed + &
+                                                   scale_share*model%scales%pressure_scale) + &
               noise_share*root_mean_square(model, start + pressure)
     if (.not. allowed > 0.0_wp) return
     error_norm = root_mean_square(model, error_pressure)/allowed
-    if (.not. (model%unsaturated .or. model%switching)) return
+    if (.not. (model%unsaturated .or. model%water%switching)) return
     first = first_fraction*model%scene%time%end_time
     if (error_norm > 1.0_wp) call keep_what_lasts(a)
     if (error_norm > 1.0_wp .and. first > a) call keep_what_lasts(first)
@@ -112,9 +113,9 @@ contains
     real(wp) :: squeezed(size(stored))
 
     call system%stored_by_projection(pressure, stored)
-    if (model%unsaturated) stored = stored + model%water_weight*pressure* &
+    if (model%unsaturated) stored = stored + model%mesh%water_weight*pressure* &
                                     (compressibility_at(model, state) - &
-                                     model%storage%compressibility)
+                                     model%water%storage%compressibility)
     if (model%rigid) return
     call system%volume_change(motion, squeezed)
     stored = stored + squeezed
@@ -126,7 +127,7 @@ contains
     real(wp), intent(in) :: values(:)   !! of the particles [any unit]
     real(wp) :: sums(2)
 
-    sums = [sum(model%weight*values**2), sum(model%weight)]
+    sums = [sum(model%mesh%weight*values**2), sum(model%mesh%weight)]
     call model%comm%sum_array(sums)
     norm = sqrt(sums(1)/sums(2))
   end function root_mean_square

@@ -40,7 +40,7 @@ contains
     real(wp) :: parts, left, promised
 
     associate (clock => model%clock, end_time => model%scene%time%end_time)
-      parts = real(max(1, model%substeps, model%stages), wp)
+      parts = real(max(1, model%water%substeps, model%water%stages), wp)
       left = parts*(end_time - clock%time)/clock%dt
       if (.not. self%first > 0.0_wp) then
         self%first = clock%dt

@@ -103,7 +103,7 @@ contains
     real(wp), intent(in) :: edge(:)
     real(wp) :: largest
 
-    largest = model%spacing
+    largest = model%scales%spacing
     if (size(edge) > 0) largest = max(largest, maxval(edge))
     radius = 2.0_wp*sight*model%comm%maximum(largest)
   end function search_radius

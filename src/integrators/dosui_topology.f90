@@ -65,7 +65,8 @@ contains
       if (model%updated) call turn_surfaces(model)
       if (model%p%half_domain > 0) call stretch_domains(model)
     end if
-    if (.not. allocated(model%brick_key) .or. is_unbalanced(model)) call partition(model, err)
+    if (.not. allocated(model%decomposition%brick_key) .or. &
+        is_unbalanced(model)) call partition(model, err)
     if (err%failed()) return
     call send_home(model, model%particles, model%particles%field(model%p%build_position)%values)
     call inward_positions(model, inside)
@@ -91,7 +92,7 @@ contains
       do p = 1, model%particles%count
         do a = 1, ndim
           stretch = min(max(abs(f(a + (a - 1)*ndim, p)), least_stretch), largest_stretch)
-          half(a, p) = min(0.5_wp, 0.5_wp*model%spacing/model%scene%grid_spacing*stretch)
+          half(a, p) = min(0.5_wp, 0.5_wp*model%scales%spacing/model%scene%grid_spacing*stretch)
         end do
       end do
     end associate
@@ -175,11 +176,11 @@ contains
     logical :: moves
     integer :: p
 
-    if (.not. model%centred .or. model%comm%size == 1) return
-    if (.not. (model%quadrature%exact .and. model%quadrature%has_groups)) return
+    if (.not. model%skeleton%centred .or. model%comm%size == 1) return
+    if (.not. (model%mesh%quadrature%exact .and. model%mesh%quadrature%has_groups)) return
     allocate (place(ndim, model%particles%count))
     do p = 1, model%particles%count
-      place(:, p) = cell_centre(model, model%quadrature%group(model%cell(p)))
+      place(:, p) = cell_centre(model, model%mesh%quadrature%group(model%mesh%cell(p)))
     end do
     moves = .not. is_home(model, place)
     if (.not. model%comm%any(moves)) return
@@ -208,8 +209,9 @@ contains
     is_home = .true.
     key = brick_keys(model, size(position, 2), position)
     do p = 1, size(key)
-      place = binary_search(model%brick_key, key(p))
-      if (place > 0) is_home = is_home .and. model%brick_rank(place) == model%comm%rank
+      place = binary_search(model%decomposition%brick_key, key(p))
+      if (place > 0) is_home = is_home .and. &
+                               model%decomposition%brick_rank(place) == model%comm%rank
     end do
   end function is_home
 
@@ -228,7 +230,7 @@ contains
 
     mean = real(model%comm%sum(int(model%particles%count, i8)), wp)/real(model%comm%size, wp)
     unbalanced = real(model%comm%maximum(model%particles%count), wp) > &
-                 max(imbalance_limit, 1.1_wp*model%partition%imbalance)*mean
+                 max(imbalance_limit, 1.1_wp*model%decomposition%partition%imbalance)*mean
   end function is_unbalanced
 
   subroutine partition(model, err)
@@ -241,17 +243,20 @@ contains
     real(wp) :: per_brick, per_cell
 
     total = model%comm%sum(int(model%particles%count, i8))
-    per_cell = max(1.0_wp, (model%scene%grid_spacing/model%spacing)**ndim)
+    per_cell = max(1.0_wp, (model%scene%grid_spacing/model%scales%spacing)**ndim)
     per_brick = real(total, wp)/real(bricks_per_rank*model%comm%size, wp)
     ! whole blocks of 2 cells, so that no block is shared, unless there are too few of them
-    model%brick_edge = max(1, int((per_brick/per_cell)**(1.0_wp/ndim)))
-    if (model%traits%solves_water) model%brick_edge = max(2, model%brick_edge)
-    if (model%brick_edge > 1) model%brick_edge = model%brick_edge - mod(model%brick_edge, 2)
+    associate (edge => model%decomposition%brick_edge)
+      edge = max(1, int((per_brick/per_cell)**(1.0_wp/ndim)))
+      if (model%traits%solves_water) edge = max(2, edge)
+      if (edge > 1) edge = edge - mod(edge, 2)
+    end associate
     key = brick_keys(model, model%particles%count, &
                      model%particles%field(model%p%build_position)%values)
     allocate (weight(size(key)), source=1.0_wp)
-    call partition_bricks(model%comm, key, weight, model%brick_key, model%brick_rank, &
-                          model%partition, err)
+    call partition_bricks(model%comm, key, weight, model%decomposition%brick_key, &
+                          model%decomposition%brick_rank, &
+                          model%decomposition%partition, err)
   end subroutine partition
 
   function brick_keys(model, n, position) result(key)
@@ -265,7 +270,7 @@ contains
     allocate (key(n))
     do p = 1, n
       key(p) = pack_key(floor((position(:, p) - model%scene%grid_origin)/ &
-                              (model%scene%grid_spacing*model%brick_edge)))
+                              (model%scene%grid_spacing*model%decomposition%brick_edge)))
     end do
   end function brick_keys
 
@@ -281,9 +286,9 @@ contains
     key = brick_keys(model, set%count, position)
     allocate (destination(set%count))
     do p = 1, set%count
-      place = binary_search(model%brick_key, key(p))
+      place = binary_search(model%decomposition%brick_key, key(p))
       destination(p) = model%comm%rank
-      if (place > 0) destination(p) = model%brick_rank(place)
+      if (place > 0) destination(p) = model%decomposition%brick_rank(place)
     end do
     call set%migrate(model%comm, destination)
   end subroutine send_home
@@ -323,7 +328,7 @@ contains
     margin = 0.0_wp
     if (model%updated) then
       margin = moving_margin(model)
-    else if (model%centred .and. .not. is_fitted(model)) then
+    else if (model%skeleton%centred .and. .not. is_fitted(model)) then
       ! parts of cells look for others, and ranks want to know what these find
       margin = merge(2.0_wp, 4.0_wp, model%comm%size == 1)*model%scene%grid_spacing
     end if
@@ -333,13 +338,14 @@ contains
                           model%particles%field(handle)%values(:, 1:n), margin, &
                           model%surface%count, inside, &
                           nint(model%scene%grid_period/model%scene%grid_spacing))
-    model%grid%half_domain = min(0.5_wp, 0.5_wp*model%spacing/model%scene%grid_spacing)
+    model%grid%half_domain = min(0.5_wp, 0.5_wp*model%scales%spacing/model%scene%grid_spacing)
     if (model%p%half_domain > 0) then
       model%grid%domain = model%particles%field(model%p%half_domain)%values(:, 1:n)
     end if
     call allocate_arrays(model)
-    call model%grid%locate(n, model%particles%field(model%p%position)%values(:, 1:n), model%patch, &
-                           model%cell, n_lost)
+    call model%grid%locate(n, model%particles%field(model%p%position)%values(:, 1:n), &
+                           model%mesh%patch, &
+                           model%mesh%cell, n_lost)
     if (n_lost > 0) call err%set('particles lie outside the background grid')
     call locate_surface(model, inside)
     call build_conditions(model, handle)
@@ -354,13 +360,13 @@ contains
     end if
     call spread_filter_times(model)
     if (model%coupled) then
-      if (allocated(model%inertia_flux)) deallocate (model%inertia_flux)
+      if (allocated(model%water%inertia_flux)) deallocate (model%water%inertia_flux)
       call build_water(model, handle)
       call find_mobility(model)
       call forget_inertia_flow(model)
     end if
-    model%rebuilds = model%rebuilds + 1
-    model%movement = 0.0_wp
+    model%decomposition%rebuilds = model%decomposition%rebuilds + 1
+    model%decomposition%movement = 0.0_wp
     call model%timers%stop(model%phase%rebuild)
   end subroutine build_geometry
 
@@ -384,7 +390,7 @@ contains
     type(model_t), intent(in) :: model
 
     margin = 0.0_wp
-    if (model%updated) margin = 2.0_wp*model%scene%water%rebuild_displacement*model%spacing
+    if (model%updated) margin = 2.0_wp*model%scene%water%rebuild_displacement*model%scales%spacing
   end function moving_margin
 
   subroutine allocate_arrays(model)
@@ -393,28 +399,30 @@ contains
     integer :: n
 
     n = model%particles%count
-    if (allocated(model%patch)) then
-      deallocate (model%patch, model%cell, model%surface_cell, model%nodal, model%velocity_old, &
-                  model%velocity, model%strain_increment, model%material, &
-                  model%no_state)
+    if (allocated(model%mesh%patch)) then
+      deallocate (model%mesh%patch, model%mesh%cell, model%mesh%surface_cell, &
+                  model%skeleton%nodal, model%skeleton%velocity_old, &
+                  model%skeleton%velocity, model%skeleton%strain_increment, model%material, &
+                  model%skeleton%no_state)
     end if
-    if (allocated(model%spin)) deallocate (model%spin)
-    if (allocated(model%volume_strain)) deallocate (model%volume_strain)
-    if (allocated(model%weight)) deallocate (model%weight)
-    allocate (model%weight(n), source=0.0_wp)
-    allocate (model%patch(n), model%cell(n), model%surface_cell(model%surface%count), source=0)
-    allocate (model%nodal(1 + 2*ndim, model%grid%n_node), source=0.0_wp)
-    allocate (model%velocity_old(ndim, model%grid%n_node), source=0.0_wp)
-    allocate (model%velocity(ndim, model%grid%n_node), source=0.0_wp)
-    allocate (model%strain_increment(nsig, n), source=0.0_wp)
-    allocate (model%no_state(0, n))
-    if (allocated(model%tangent)) deallocate (model%tangent)
+    if (allocated(model%skeleton%spin)) deallocate (model%skeleton%spin)
+    if (allocated(model%water%volume_strain)) deallocate (model%water%volume_strain)
+    if (allocated(model%mesh%weight)) deallocate (model%mesh%weight)
+    allocate (model%mesh%weight(n), source=0.0_wp)
+    allocate (model%mesh%patch(n), model%mesh%cell(n), &
+              model%mesh%surface_cell(model%surface%count), source=0)
+    allocate (model%skeleton%nodal(1 + 2*ndim, model%grid%n_node), source=0.0_wp)
+    allocate (model%skeleton%velocity_old(ndim, model%grid%n_node), source=0.0_wp)
+    allocate (model%skeleton%velocity(ndim, model%grid%n_node), source=0.0_wp)
+    allocate (model%skeleton%strain_increment(nsig, n), source=0.0_wp)
+    allocate (model%skeleton%no_state(0, n))
+    if (allocated(model%skeleton%tangent)) deallocate (model%skeleton%tangent)
     if (model%traits%solves_skeleton .and. .not. model%rigid .and. &
         (model%materials%is_nonlinear() .or. model%finite)) then
-      allocate (model%tangent(nsig, nsig, n), source=0.0_wp)
+      allocate (model%skeleton%tangent(nsig, nsig, n), source=0.0_wp)
     end if
-    if (model%coupled) allocate (model%volume_strain(n), source=0.0_wp)
-    if (model%updated) allocate (model%spin(nshear, n), source=0.0_wp)
+    if (model%coupled) allocate (model%water%volume_strain(n), source=0.0_wp)
+    if (model%updated) allocate (model%skeleton%spin(nshear, n), source=0.0_wp)
     model%material = nint(model%particles%field(model%p%material)%values(1, 1:n))
   end subroutine allocate_arrays
 
@@ -428,15 +436,15 @@ contains
     integer :: n_lost, p
 
     allocate (patch(model%surface%count), source=0)
-    call model%grid%locate(model%surface%count, inside, patch, model%surface_cell, n_lost)
+    call model%grid%locate(model%surface%count, inside, patch, model%mesh%surface_cell, n_lost)
     if (.not. model%updated) return
     allocate (touches(1, model%grid%n_node), source=0.0_wp)
     do p = 1, model%surface%count
-      if (model%surface_cell(p) == 0) cycle
-      touches(1, model%grid%cell_node(:, model%surface_cell(p))) = 1.0_wp
+      if (model%mesh%surface_cell(p) == 0) cycle
+      touches(1, model%grid%cell_node(:, model%mesh%surface_cell(p))) = 1.0_wp
     end do
     call model%grid%node_map%sum_copies(model%comm, 1, touches)
-    model%surface_node = touches(1, :) > 0.5_wp
+    model%mesh%surface_node = touches(1, :) > 0.5_wp
   end subroutine locate_surface
 
   subroutine build_conditions(model, handle)
@@ -456,7 +464,7 @@ contains
     call model%grid%locate(n, model%particles%field(handle)%values(:, 1:n), patch, cell, n_lost)
     call model%grid%find_ends(model%comm, n, cell, model%particles%field(handle)%values(:, 1:n), &
                               moving_margin(model))
-    if (model%centred) call build_quadrature(model, handle, surface_handle, cell)
+    if (model%skeleton%centred) call build_quadrature(model, handle, surface_handle, cell)
     call choose_imposition(model, surface_handle)
     associate (field => model%surface%field, h => model%s)
       allocate (nodal(1 + 2*ndim, model%grid%n_node))
@@ -470,32 +478,34 @@ contains
       call build_extension(model, n, patch, cell, handle)
       if (h%edge > 0) edge = reshape(field(h%edge)%values(:, 1:m), [ndim, max(ndim - 1, 1), m])
       if (h%held > 0) held = field(h%held)%values(:, 1:m)
-      at_points = model%by_force
+      at_points = model%skeleton%by_force
       if (model%updated) at_points = at_points .and. &
                                      .not. spread(is_pressure(model%scene%mechanical_condition), &
                                                   2, m)
-      if (model%quadrature%exact .and. .not. model%quadrature%fitted) then
-        is_filled = model%quadrature%part > 0.0_wp
+      if (model%mesh%quadrature%exact .and. .not. model%mesh%quadrature%fitted) then
+        is_filled = model%mesh%quadrature%part > 0.0_wp
       end if
-      call model%surface_forces%init(model%comm, model%scene%mechanical_condition, model%grid, m, &
-                                     model%surface_cell, &
-                                     field(surface_handle)%values(:, 1:m), &
-                                     field(h%normal)%values(:, 1:m), &
-                                     field(h%area)%values(1, 1:m), nodal(1, :), model%density, &
-                                     wall_modulus(model), model%scene%mechanics%penalty, &
-                                     at_points, is_filled, held, edge)
-      if (model%quadrature%exact .and. .not. model%quadrature%fitted) then
+      call model%skeleton%surface_forces%init(model%comm, model%scene%mechanical_condition, &
+                                              model%grid, m, &
+                                              model%mesh%surface_cell, &
+                                              field(surface_handle)%values(:, 1:m), &
+                                              field(h%normal)%values(:, 1:m), &
+                                              field(h%area)%values(1, 1:m), nodal(1, :), &
+                                              model%scales%density, &
+                                              wall_modulus(model), model%scene%mechanics%penalty, &
+                                              at_points, is_filled, held, edge)
+      if (model%mesh%quadrature%exact .and. .not. model%mesh%quadrature%fitted) then
         call hold_nodes_of_parts(model)
       else
-        call model%nodal_conditions%init(model%comm, model%scene%mechanical_condition, &
-                                         model%grid, m, model%surface_cell, &
-                                         field(surface_handle)%values(:, 1:m), &
-                                         field(h%normal)%values(:, 1:m), model%on_nodes)
+        call model%skeleton%nodal_conditions%init(model%comm, model%scene%mechanical_condition, &
+                                                  model%grid, m, model%mesh%surface_cell, &
+                                                  field(surface_handle)%values(:, 1:m), &
+                                            field(h%normal)%values(:, 1:m), model%skeleton%on_nodes)
       end if
     end associate
     if (model%updated) call build_moving_loads(model, surface_handle, cell)
-    model%lifted = model%centred .and. &
-                   model%comm%any(model%surface_forces%has_lifts())
+    model%skeleton%lifted = model%skeleton%centred .and. &
+                            model%comm%any(model%skeleton%surface_forces%has_lifts())
   end subroutine build_conditions
 
   subroutine hold_nodes_of_parts(model)
@@ -507,7 +517,7 @@ contains
     real(wp) :: hat
     integer :: i, k, q
 
-    associate (forces => model%surface_forces)
+    associate (forces => model%skeleton%surface_forces)
       point = pack(spread([(k, k=1, forces%n_point)], 1, forces%n_part), forces%cell > 0)
       part = pack(spread([(k, k=1, forces%n_part)], 2, forces%n_point), forces%cell > 0)
       allocate (position(ndim, size(point)))
@@ -520,11 +530,12 @@ contains
         end do
         position(:, q) = model%grid%origin + model%grid%spacing*position(:, q)
       end do
-      call model%nodal_conditions%init(model%comm, model%scene%mechanical_condition, model%grid, &
-                                       size(point), [(forces%cell(part(q), point(q)), &
-                                                      q=1, size(point))], position, &
-                                       model%surface%field(model%s%normal)%values(:, point), &
-                                       model%on_nodes(:, point))
+      call model%skeleton%nodal_conditions%init(model%comm, model%scene%mechanical_condition, &
+                                                model%grid, &
+                                                size(point), [(forces%cell(part(q), point(q)), &
+                                                               q=1, size(point))], position, &
+                                             model%surface%field(model%s%normal)%values(:, point), &
+                                                model%skeleton%on_nodes(:, point))
     end associate
   end subroutine hold_nodes_of_parts
 
@@ -560,7 +571,7 @@ contains
     call model%grid%node_map%sum_copies(model%comm, 1 + 2*ndim, nodal)
     call model%grid%cell_map%sum_copies(model%comm, 2, cells)
     filling = cells(2, :)
-    if (model%centred) filling = model%quadrature%part/model%grid%spacing**ndim
+    if (model%skeleton%centred) filling = model%mesh%quadrature%part/model%grid%spacing**ndim
     allocate (wanted(model%grid%n_node), source=.false.)
     do p = 1, n
       wanted(model%grid%patch_node(:, patch(p))) = .true.
@@ -568,8 +579,9 @@ contains
     do c = 1, model%grid%n_cell
       if (filling(c) > 0.0_wp) wanted(model%grid%cell_node(:, c)) = .true.
     end do
-    call model%extension%init(model%comm, model%grid, filling, cells(1, :) > 0.5_wp, nodal(1, :), &
-                              wanted)
+    call model%mesh%extension%init(model%comm, model%grid, filling, cells(1, :) > 0.5_wp, &
+                                   nodal(1, :), &
+                                   wanted)
   end subroutine build_extension
 
   pure real(wp) function wall_modulus(model) result(modulus)
@@ -578,8 +590,8 @@ contains
     !! altogether [Pa].
     type(model_t), intent(in) :: model
 
-    modulus = min(model%stiffest, stiffest_walls*model%skeleton_modulus)
-    if (model%traits%projects()) modulus = model%skeleton_modulus
+    modulus = min(model%scales%stiffest, stiffest_walls*model%scales%skeleton_modulus)
+    if (model%traits%projects()) modulus = model%scales%skeleton_modulus
   end function wall_modulus
 
   subroutine build_quadrature(model, handle, surface_handle, cell)
@@ -593,9 +605,10 @@ contains
 
     n = model%particles%count
     if (.not. model%updated) then
-      call model%quadrature%init_from_shapes(model%comm, model%grid, model%scene%region, n, cell)
-      if (model%quadrature%has_groups) then
-        model%grid%cell_block = model%grid%cell_block(model%quadrature%group)
+      call model%mesh%quadrature%init_from_shapes(model%comm, model%grid, model%scene%region, &
+                                                  n, cell)
+      if (model%mesh%quadrature%has_groups) then
+        model%grid%cell_block = model%grid%cell_block(model%mesh%quadrature%group)
       end if
       return
     end if
@@ -603,10 +616,10 @@ contains
     do p = 1, model%surface%count
       cuts(p) = .not. lies_on_nodes(model, surface_handle, p)
     end do
-    call model%quadrature%init_from_particles(model%comm, model%grid, n, cell, &
-                                              model%particles%field(handle)%values(:, 1:n), &
-                                              model%surface%count, model%surface_cell, cuts, &
-                                              finds_ragged=model%traits%is_explicit())
+    call model%mesh%quadrature%init_from_particles(model%comm, model%grid, n, cell, &
+                                                   model%particles%field(handle)%values(:, 1:n), &
+                                               model%surface%count, model%mesh%surface_cell, cuts, &
+                                                   finds_ragged=model%traits%is_explicit())
   end subroutine build_quadrature
 
   subroutine find_least_inertia(model)
@@ -617,18 +630,18 @@ contains
     integer :: c, i, node
 
     allocate (inertia(1, model%grid%n_node), source=0.0_wp)
-    if (model%quadrature%exact .and. .not. model%quadrature%fitted) then
+    if (model%mesh%quadrature%exact .and. .not. model%mesh%quadrature%fitted) then
       do c = 1, model%grid%n_cell
         if (.not. model%grid%cell_map%is_owned(c)) cycle
         do i = 1, 2**ndim
           node = model%grid%cell_node(i, c)
           inertia(1, node) = inertia(1, node) + &
-                             0.5_wp*model%density*model%quadrature%part(c)/2**ndim
+                             0.5_wp*model%scales%density*model%mesh%quadrature%part(c)/2**ndim
         end do
       end do
       call model%grid%node_map%sum_copies(model%comm, 1, inertia)
     end if
-    model%inertia = inertia(1, :)
+    model%skeleton%inertia = inertia(1, :)
   end subroutine find_least_inertia
 
   logical function is_fitted(model) result(fitted)
@@ -661,11 +674,12 @@ contains
 
     associate (n => model%particles%count, &
                volume => model%particles%field(model%p%reference_volume)%values)
-      if (allocated(model%filling)) deallocate (model%filling)
-      allocate (model%filling(n), source=1.0_wp)
-      if (.not. model%centred) return
-      call model%quadrature%weigh(model%comm, model%grid, n, model%cell, volume, model%filling)
-      model%filling = model%filling/volume(1, 1:n)
+      if (allocated(model%skeleton%filling)) deallocate (model%skeleton%filling)
+      allocate (model%skeleton%filling(n), source=1.0_wp)
+      if (.not. model%skeleton%centred) return
+      call model%mesh%quadrature%weigh(model%comm, model%grid, n, model%mesh%cell, volume, &
+                                       model%skeleton%filling)
+      model%skeleton%filling = model%skeleton%filling/volume(1, 1:n)
     end associate
   end subroutine find_filling
 
@@ -676,16 +690,17 @@ contains
     associate (n => model%particles%count, &
                volume => model%particles%field(model%p%volume)%values)
       if (model%finite) then
-        model%weight = model%filling*volume(1, 1:n)
-      else if (model%centred) then
-        call model%quadrature%weigh(model%comm, model%grid, n, model%cell, volume, model%weight)
+        model%mesh%weight = model%skeleton%filling*volume(1, 1:n)
+      else if (model%skeleton%centred) then
+        call model%mesh%quadrature%weigh(model%comm, model%grid, n, model%mesh%cell, volume, &
+                                         model%mesh%weight)
       else
-        model%weight = volume(1, 1:n)
+        model%mesh%weight = volume(1, 1:n)
       end if
       call set_water_weights()
-      if (model%outer_pressure%acts) model%pressed_volume = volume(1, 1:n)
-      if (model%averaged .or. model%coupled) then
-        call set_average(model%quadrature%group)
+      if (model%skeleton%outer_pressure%acts) model%skeleton%pressed_volume = volume(1, 1:n)
+      if (model%skeleton%averaged .or. model%coupled) then
+        call set_average(model%mesh%quadrature%group)
       end if
     end associate
 
@@ -696,25 +711,27 @@ contains
       real(wp) :: centre(ndim, model%grid%n_cell)
 
       if (.not. model%coupled) return
-      model%water_weight = model%weight
-      if (.not. (model%centred .and. model%quadrature%exact)) return
+      model%mesh%water_weight = model%mesh%weight
+      if (.not. (model%skeleton%centred .and. model%mesh%quadrature%exact)) return
       if (model%finite .or. model%rigid) return
-      call model%quadrature%find_centres(model%grid, centre)
-      call centre_weights(model%comm, model%grid, model%particles%count, model%cell, &
+      call model%mesh%quadrature%find_centres(model%grid, centre)
+      call centre_weights(model%comm, model%grid, model%particles%count, model%mesh%cell, &
                           model%particles%field(model%p%position)%values, centre, &
-                          model%water_weight)
+                          model%mesh%water_weight)
     end subroutine set_water_weights
 
     subroutine set_average(group)
       !! Weights of cells, and of groups where there are any.
       integer, allocatable, intent(in) :: group(:)
 
-      if (model%centred .and. model%quadrature%has_groups) then
-        call model%average%set_weights(model%comm, model%grid, model%particles%count, model%cell, &
-                                       model%weight, group)
+      if (model%skeleton%centred .and. model%mesh%quadrature%has_groups) then
+        call model%mesh%average%set_weights(model%comm, model%grid, model%particles%count, &
+                                            model%mesh%cell, &
+                                            model%mesh%weight, group)
       else
-        call model%average%set_weights(model%comm, model%grid, model%particles%count, model%cell, &
-                                       model%weight)
+        call model%mesh%average%set_weights(model%comm, model%grid, model%particles%count, &
+                                            model%mesh%cell, &
+                                            model%mesh%weight)
       end if
     end subroutine set_average
   end subroutine refresh_weights
@@ -731,20 +748,21 @@ contains
     do c = 1, size(surface)
       surface(c) = index_of(model%scene, model%scene%mechanical_condition(c)%surface)
     end do
-    if (allocated(model%on_nodes)) deallocate (model%on_nodes, model%by_force)
-    allocate (model%on_nodes(size(model%scene%mechanical_condition), m), source=.false.)
-    allocate (model%by_force(size(model%scene%mechanical_condition), m), source=.false.)
+    if (allocated(model%skeleton%on_nodes)) deallocate (model%skeleton%on_nodes, &
+                                                        model%skeleton%by_force)
+    allocate (model%skeleton%on_nodes(size(model%scene%mechanical_condition), m), source=.false.)
+    allocate (model%skeleton%by_force(size(model%scene%mechanical_condition), m), source=.false.)
     do p = 1, m
       fitted = lies_on_nodes(model, handle, p)
       do c = 1, size(model%scene%mechanical_condition)
         associate (condition => model%scene%mechanical_condition(c))
           if (.not. set_holds(model%surface%field(model%s%surface)%values(:, p), surface(c))) cycle
           if (condition%is_load()) then
-            model%by_force(c, p) = .true.
+            model%skeleton%by_force(c, p) = .true.
           else
-            model%on_nodes(c, p) = condition%imposition == 'nodes' .or. &
-                                   (condition%imposition == 'auto' .and. fitted)
-            model%by_force(c, p) = .not. model%on_nodes(c, p)
+            model%skeleton%on_nodes(c, p) = condition%imposition == 'nodes' .or. &
+                                            (condition%imposition == 'auto' .and. fitted)
+            model%skeleton%by_force(c, p) = .not. model%skeleton%on_nodes(c, p)
           end if
         end associate
       end do
@@ -765,13 +783,13 @@ contains
     n = model%particles%count
     m = model%surface%count
     surface_handle = model%s%water_position
-    radius = model%scene%water%support_radius*model%spacing
+    radius = model%scene%water%support_radius*model%scales%spacing
     call follow_porosity(model)
-    call model%head_operator%clear()
+    call model%water%head_operator%clear()
     call find_ghosts(model%comm, model%surface, surface_handle, n, &
-                     model%particles%field(handle)%values(:, 1:n), radius, model%surface_map)
+                     model%particles%field(handle)%values(:, 1:n), radius, model%water%surface_map)
     call find_ghosts(model%comm, model%particles, handle, n, &
-                     model%particles%field(handle)%values(:, 1:n), radius, model%particle_map)
+                     model%particles%field(handle)%values(:, 1:n), radius, model%water%particle_map)
     n_local = n + model%particles%ghost_count
     m_local = m + model%surface%ghost_count
     call set_all_elevations(model, n_local)
@@ -782,44 +800,45 @@ contains
                             skip_self=.true.)
       call build_neighbours(n, x(:, 1:n), m_local, xs(:, 1:m_local), radius, point_start, &
                             point_neighbour, skip_self=.false.)
-      if (allocated(model%barrier)) then
+      if (allocated(model%water%barrier)) then
         barrier = nint(max(-field(model%s%surface)%values(1, 1:m_local), 0.0_wp))
-        call cut_neighbours(model%barrier, x(:, 1:n), x(:, 1:n_local), row_start, neighbour)
-        call cut_points(model%barrier, barrier, x(:, 1:n), xs(:, 1:m_local), &
+        call cut_neighbours(model%water%barrier, x(:, 1:n), x(:, 1:n_local), row_start, neighbour)
+        call cut_points(model%water%barrier, barrier, x(:, 1:n), xs(:, 1:m_local), &
                         field(model%s%normal)%values(:, 1:m_local), point_start, point_neighbour)
       end if
       patch = nint(field(model%s%patch)%values(1, 1:m_local))
       allocate (has_head(m_local), source=.false.)
-      if (model%switching) has_head = field(model%s%has_head)%values(1, 1:m_local) > 0.5_wp
-      call model%hydraulic_conditions%init(model%scene%hydraulic_condition, &
-                                           model%condition_surface, m_local, &
-                                           field(model%s%surface)%values(:, 1:m_local), has_head)
+      if (model%water%switching) has_head = field(model%s%has_head)%values(1, 1:m_local) > 0.5_wp
+      call model%water%hydraulic_conditions%init(model%scene%hydraulic_condition, &
+                                                 model%water%condition_surface, m_local, &
+                                              field(model%s%surface)%values(:, 1:m_local), has_head)
       call set_surface_data(model, model%clock%time)
       if (model%scene%water%operator == 'two_pass') then
-        call model%two_pass%build(n, x(:, 1:n_local), &
-                                  k(1, 1:n_local), &
-                                  row_start, neighbour, model%spacing, &
-                                  model%scene%water%support_radius, xs(:, 1:m_local), &
-                                  field(model%s%normal)%values(:, 1:m_local), patch, &
-                                  model%hydraulic_conditions%kind == kind_head, point_start, &
-                                  point_neighbour)
+        call model%water%two_pass%build(n, x(:, 1:n_local), &
+                                        k(1, 1:n_local), &
+                                        row_start, neighbour, model%scales%spacing, &
+                                        model%scene%water%support_radius, xs(:, 1:m_local), &
+                                        field(model%s%normal)%values(:, 1:m_local), patch, &
+                                  model%water%hydraulic_conditions%kind == kind_head, point_start, &
+                                        point_neighbour)
       end if
-      call model%head_operator%build(n, n_local, x(:, 1:n_local), k(1, 1:n_local), &
-                                     row_start, neighbour, model%spacing, &
-                                     model%scene%water%support_radius, m_local, xs(:, 1:m_local), &
-                                     field(model%s%normal)%values(:, 1:m_local), patch, &
-                                     model%hydraulic_conditions%kind, point_start, point_neighbour)
+      call model%water%head_operator%build(n, n_local, x(:, 1:n_local), k(1, 1:n_local), &
+                                           row_start, neighbour, model%scales%spacing, &
+                                      model%scene%water%support_radius, m_local, xs(:, 1:m_local), &
+                                           field(model%s%normal)%values(:, 1:m_local), patch, &
+                                           model%water%hydraulic_conditions%kind, point_start, &
+                                           point_neighbour)
       call soil_conductivities(model, soil, point_soil)
-      call model%surface_flux%build(model%comm, model%head_operator, x(:, 1:n_local), &
-                                    k(1, 1:n_local), soil, model%spacing, &
-                                    model%scene%water%support_radius, model%surface_map, &
-                                    xs(:, 1:m_local), field(model%s%normal)%values(:, 1:m_local), &
-                                    point_soil, model%hydraulic_conditions%kind, &
-                                    model%hydraulic_conditions%kind == kind_head .or. &
-                                    model%hydraulic_conditions%may_switch, point_start, &
-                                    point_neighbour)
+      call model%water%surface_flux%build(model%comm, model%water%head_operator, x(:, 1:n_local), &
+                                          k(1, 1:n_local), soil, model%scales%spacing, &
+                                        model%scene%water%support_radius, model%water%surface_map, &
+                                     xs(:, 1:m_local), field(model%s%normal)%values(:, 1:m_local), &
+                                          point_soil, model%water%hydraulic_conditions%kind, &
+                                          model%water%hydraulic_conditions%kind == kind_head .or. &
+                                         model%water%hydraulic_conditions%may_switch, point_start, &
+                                          point_neighbour)
     end associate
-    model%largest_row_sum = model%comm%maximum(model%head_operator%largest_row_sum())
+    model%water%largest_row_sum = model%comm%maximum(model%water%head_operator%largest_row_sum())
     call refresh_storage(model)
   end subroutine build_water
 
@@ -850,13 +869,13 @@ contains
     integer :: p, handle
 
     handle = model%p%current_position
-    if (allocated(model%head)) deallocate (model%head, model%elevation)
-    allocate (model%head(n_local), model%elevation(n_local), source=0.0_wp)
+    if (allocated(model%water%head)) deallocate (model%water%head, model%water%elevation)
+    allocate (model%water%head(n_local), model%water%elevation(n_local), source=0.0_wp)
     do p = 1, model%particles%count
-      model%elevation(p) = -model%scene%water%density* &
-                           dot_product(model%scene%gravity, &
-                                       model%particles%field(handle)%values(:, p))/ &
-                           model%scene%water%unit_weight
+      model%water%elevation(p) = -model%scene%water%density* &
+                                 dot_product(model%scene%gravity, &
+                                             model%particles%field(handle)%values(:, p))/ &
+                                 model%scene%water%unit_weight
     end do
   end subroutine set_all_elevations
 
@@ -875,7 +894,7 @@ contains
     associate (pressure => model%particles%field(model%p%pore_pressure)%values)
       compressibility = compressibility_at(model, pressure(1, 1:n))
     end associate
-    model%stiffest_now = 0.0_wp
+    model%scales%stiffest_now = 0.0_wp
     do p = 1, n
       modulus = 0.0_wp
       softness(p) = 0.0_wp
@@ -885,10 +904,11 @@ contains
         softness(p) = 1.0_wp/modulus
       end if
       if (model%updated) then
-        model%stiffest_now = max(model%stiffest_now, modulus + 1.0_wp/compressibility(p))
+        model%scales%stiffest_now = max(model%scales%stiffest_now, &
+                                        modulus + 1.0_wp/compressibility(p))
       end if
     end do
-    if (model%updated) model%stiffest_now = model%comm%maximum(model%stiffest_now)
+    if (model%updated) model%scales%stiffest_now = model%comm%maximum(model%scales%stiffest_now)
     allocate (cells(1, model%grid%n_cell), blocks(1, model%grid%n_block))
     plain = model%rigid .or. model%scene%water%operator == 'two_pass'   ! it holds heads afterwards
     tau_cell = merge(0.0_wp, model%scene%water%cell_storage, plain)
@@ -901,15 +921,15 @@ contains
         cell_s = cells
         block_s = blocks
         call means(softness, cell_s, block_s)
-        call model%storage%init(tau_cell, tau_block, compressibility, cell_a, cell_s(1, :), &
-                                block_a, block_s(1, :))
+        call model%water%storage%init(tau_cell, tau_block, compressibility, cell_a, cell_s(1, :), &
+                                      block_a, block_s(1, :))
       end block
     end associate
     least = 1.0_wp
     if (n > 0) least = minval(compressibility)
     least = model%comm%minimum(least)
-    row_sum = max(model%largest_row_sum, tiny(1.0_wp)*1.0e9_wp)
-    model%diffusion_limit = 2.0_wp*model%scene%water%unit_weight*least/row_sum
+    row_sum = max(model%water%largest_row_sum, tiny(1.0_wp)*1.0e9_wp)
+    model%water%diffusion_limit = 2.0_wp*model%scene%water%unit_weight*least/row_sum
 
   contains
 
@@ -918,9 +938,9 @@ contains
       real(wp), intent(in) :: values(:)
       real(wp), intent(inout) :: cell_means(:, :), block_means(:, :)
 
-      call cell_sums(n, model%cell, model%water_weight, values, model%grid%n_cell, sums)
-      call model%average%block_means(model%comm, model%grid, 1, sums, block_means)
-      call model%average%group_means(model%comm, model%grid, 1, sums)
+      call cell_sums(n, model%mesh%cell, model%mesh%water_weight, values, model%grid%n_cell, sums)
+      call model%mesh%average%block_means(model%comm, model%grid, 1, sums, block_means)
+      call model%mesh%average%group_means(model%comm, model%grid, 1, sums)
       cell_means(1, :) = sums
     end subroutine means
   end subroutine refresh_storage
@@ -940,9 +960,10 @@ contains
       return
     end if
     fastest = 0.0_wp
-    if (model%grid%n_node > 0) fastest = sqrt(maxval(sum(model%velocity**2, dim=1)))
-    model%movement = model%movement + model%clock%dt*model%comm%maximum(fastest)
-    limit = model%scene%water%rebuild_displacement*model%spacing
-    needed = .not. model%movement < limit
+    if (model%grid%n_node > 0) fastest = sqrt(maxval(sum(model%skeleton%velocity**2, dim=1)))
+    model%decomposition%movement = model%decomposition%movement + &
+                                   model%clock%dt*model%comm%maximum(fastest)
+    limit = model%scene%water%rebuild_displacement*model%scales%spacing
+    needed = .not. model%decomposition%movement < limit
   end function needs_rebuild
 end module dosui_topology

@@ -86,19 +86,19 @@ contains
     deformation = self%deformation
     associate (field => model%particles%field, h => model%p)
       field(h%displacement)%values(:, 1:n) = self%displacement
-      call deform(model%grid, n, model%patch, field(h%position)%values(:, 1:n), motion, &
+      call deform(model%grid, n, model%mesh%patch, field(h%position)%values(:, 1:n), motion, &
                   deformation, field(h%displacement)%values(:, 1:n))
-      if (model%centred) call take_cell_gradients(self, model, motion, deformation)
+      if (model%skeleton%centred) call take_cell_gradients(self, model, motion, deformation)
       field(h%deformation)%values(:, 1:n) = reshape(deformation, [ndim*ndim, n])
       field(h%current_position)%values(:, 1:n) = field(h%position)%values(:, 1:n) + &
-                                                  field(h%displacement)%values(:, 1:n)
+                                                 field(h%displacement)%values(:, 1:n)
     end associate
     allocate (step(ndim, m))
-    call model%surface_forces%point_velocity(motion, step)
+    call model%skeleton%surface_forces%point_velocity(motion, step)
     associate (field => model%surface%field, h => model%s)
       field(h%displacement)%values(:, 1:m) = self%surface_displacement + step
       field(h%current_position)%values(:, 1:m) = field(h%position)%values(:, 1:m) + &
-                                                  field(h%displacement)%values(:, 1:m)
+                                                 field(h%displacement)%values(:, 1:m)
     end associate
     call deform_surface(self, model, motion)
     call find_stresses(self, model, deformation, err)
@@ -126,7 +126,7 @@ contains
     if (model%coupled) pressure = model%particles%field(model%p%pore_pressure)% &
                                   values(1, 1:size(pressure))
     call gather_loads(model)
-    force = model%nodal(2 + ndim:, :)
+    force = model%skeleton%nodal(2 + ndim:, :)
     call system%internal_forces(model, pressure*saturation_at(model, pressure), force)
     if (present(motion)) call add_hourglass_forces(model, motion, force)
     call system%unknowns%fold(model, force)
@@ -150,17 +150,18 @@ contains
       if (.not. model%unsaturated) then
         call find_flow(model, stage%time, stage%start, water)
         call system%stored(model, a, pressure, stored, err)
-        water = stage%supply + a*water - stored - model%filling*growth
+        water = stage%supply + a*water - stored - model%skeleton%filling*growth
         return
       end if
       call find_flow(model, stage%time, stage%start + pressure, water)
       call system%stored_by_projection(pressure, stored)
       pores = 0.5_wp + 0.5_wp*self%porosity*self%volume/ &
               (field(h%porosity)%values(1, 1:n)*field(h%volume)%values(1, 1:n))
-      water = stage%supply + a*water - stored - model%water_weight* &
+      water = stage%supply + a*water - stored - model%mesh%water_weight* &
               (pores*content_change(model, stage%start, stage%start + pressure) - &
-               model%storage%compressibility*pressure)
-      water = water - model%filling*mean_saturation(model, stage%start, stage%start + pressure)* &
+               model%water%storage%compressibility*pressure)
+      water = water - model%skeleton%filling*mean_saturation(model, stage%start, &
+                                                             stage%start + pressure)* &
               growth
     end associate
   end subroutine lagrangian_find_missing_water
@@ -176,7 +177,7 @@ contains
     associate (field => model%particles%field, h => model%p)
       field(h%velocity)%values(:, 1:n) = (field(h%displacement)%values(:, 1:n) - &
                                           self%displacement)/model%clock%dt
-      if (model%coupled) model%volume_strain = &
+      if (model%coupled) model%water%volume_strain = &
         (1.0_wp - self%volume/field(h%volume)%values(1, 1:n))
     end associate
     associate (field => model%surface%field, h => model%s)
@@ -202,7 +203,7 @@ contains
     is_used = .false.
     associate (v0 => model%particles%field(model%p%reference_volume)%values)
       do p = 1, model%particles%count
-        c = model%cell(p)
+        c = model%mesh%cell(p)
         is_used(c) = .true.
         shift(:, :, c) = shift(:, :, c) - v0(1, p)*(deformation(:, :, p) - &
                                                     self%deformation(:, :, p))
@@ -210,12 +211,12 @@ contains
       end do
     end associate
     allocate (slope(ndim, ndim, model%grid%n_cell))
-    call model%quadrature%slopes(model%grid, motion, slope)
+    call model%mesh%quadrature%slopes(model%grid, motion, slope)
     do c = 1, model%grid%n_cell
       if (is_used(c)) shift(:, :, c) = shift(:, :, c)/volume(c) + slope(:, :, c)
     end do
     do p = 1, model%particles%count
-      deformation(:, :, p) = deformation(:, :, p) + shift(:, :, model%cell(p))
+      deformation(:, :, p) = deformation(:, :, p) + shift(:, :, model%mesh%cell(p))
     end do
   end subroutine take_cell_gradients
 
@@ -230,12 +231,12 @@ contains
     associate (field => model%surface%field, h => model%s)
       do p = 1, model%surface%count
         f = reshape(self%surface_deformation(:, p), [ndim, ndim])
-        if (model%surface_cell(p) > 0) then
+        if (model%mesh%surface_cell(p) > 0) then
           call surface_gradients(model, p, gradient)
           do i = 1, 2**ndim
             do b = 1, ndim
               f(:, b) = f(:, b) + gradient(b, i)* &
-                        motion(:, model%grid%cell_node(i, model%surface_cell(p)))
+                        motion(:, model%grid%cell_node(i, model%mesh%surface_cell(p)))
             end do
           end do
         end if
@@ -266,7 +267,7 @@ contains
     if (err%failed()) return
     do p = 1, n
       call elastic_tangent(model, p, tangent)
-      model%tangent(:, :, p) = tangent
+      model%skeleton%tangent(:, :, p) = tangent
     end do
     call refresh_weights(model)
     if (model%coupled) call build_water(model, model%p%current_position)
@@ -282,25 +283,29 @@ contains
     integer :: p, n
 
     n = model%particles%count
-    if (allocated(model%inverse_deformation)) deallocate (model%inverse_deformation)
-    if (allocated(model%own_volume)) deallocate (model%own_volume)
-    allocate (model%inverse_deformation(ndim, ndim, n), model%own_volume(n), ratio(n))
+    if (allocated(model%skeleton%inverse_deformation)) deallocate ( &
+      model%skeleton%inverse_deformation)
+    if (allocated(model%skeleton%own_volume)) deallocate (model%skeleton%own_volume)
+    allocate (model%skeleton%inverse_deformation(ndim, ndim, n), model%skeleton%own_volume(n), &
+              ratio(n))
     total = 0.0_wp
     reference = 0.0_wp
     associate (v0 => model%particles%field(model%p%reference_volume)%values)
       do p = 1, n
-        call invert(deformation(:, :, p), model%inverse_deformation(:, :, p), jacobian)
+        call invert(deformation(:, :, p), model%skeleton%inverse_deformation(:, :, p), jacobian)
         if (.not. jacobian > 0.0_wp .and. .not. err%failed()) then
           call err%set(describe_particle(model, 'has lost all its volume (J <= 0)', p, .true.))
         end if
-        model%own_volume(p) = model%filling(p)*v0(1, p)*jacobian
-        total(model%cell(p)) = total(model%cell(p)) + model%own_volume(p)
-        reference(model%cell(p)) = reference(model%cell(p)) + model%filling(p)*v0(1, p)
+        model%skeleton%own_volume(p) = model%skeleton%filling(p)*v0(1, p)*jacobian
+        total(model%mesh%cell(p)) = total(model%mesh%cell(p)) + model%skeleton%own_volume(p)
+        reference(model%mesh%cell(p)) = reference(model%mesh%cell(p)) + &
+                                        model%skeleton%filling(p)*v0(1, p)
       end do
       if (err%failed()) return
       do p = 1, n
-        ratio(p) = total(model%cell(p))/reference(model%cell(p))
-        if (.not. model%averaged) ratio(p) = model%own_volume(p)/(model%filling(p)*v0(1, p))
+        ratio(p) = total(model%mesh%cell(p))/reference(model%mesh%cell(p))
+        if (.not. model%skeleton%averaged) ratio(p) = model%skeleton%own_volume(p)/ &
+                                                      (model%skeleton%filling(p)*v0(1, p))
       end do
     end associate
   end subroutine find_volume_ratios
@@ -353,7 +358,7 @@ contains
       if (h%state > 0) then
         call update_with(field(h%state)%values)
       else
-        call update_with(model%no_state)
+        call update_with(model%skeleton%no_state)
       end if
       do p = 1, n
         call finish_particle(p)
@@ -372,7 +377,7 @@ contains
                  v0 => model%particles%field(model%p%reference_volume)%values(1, p))
         call invert(self%deformation(:, :, p), inverse, old)
         old_ratio = self%volume(p)/v0
-        own = model%own_volume(p)/(model%filling(p)*v0*old)
+        own = model%skeleton%own_volume(p)/(model%skeleton%filling(p)*v0*old)
         step = matmul(deformation(:, :, p), inverse)* &
                (ratio(p)/(old_ratio*own))**(1.0_wp/ndim)
         call elastic_tangent(model, p, tangent)
@@ -399,7 +404,7 @@ contains
 
       call update_stress(model%materials, n, model%material, increment, &
                          model%particles%field(model%p%effective_stress)%values, state, err, &
-                         tangent=model%tangent)
+                         tangent=model%skeleton%tangent)
     end subroutine update_with
 
     subroutine finish_particle(p)
@@ -409,7 +414,8 @@ contains
       integer, intent(in) :: p
       real(wp) :: of_volume(nsig), elastic(nsig)
 
-      associate (field => model%particles%field, h => model%p, tangent => model%tangent(:, :, p))
+      associate (field => model%particles%field, h => model%p, &
+                 tangent => model%skeleton%tangent(:, :, p))
         of_volume = ratio(p)*field(h%effective_stress)%values(:, p)
         if (is_in_cauchy(p)) then
           tangent = ratio(p)*tangent

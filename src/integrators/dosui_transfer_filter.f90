@@ -62,8 +62,8 @@ contains
     integer :: i, n_lost, p, place
 
     if (model%p%filter_time == 0) return
-    if (allocated(model%node_filter_time)) deallocate (model%node_filter_time)
-    if (allocated(model%node_share)) deallocate (model%node_share)
+    if (allocated(model%skeleton%node_filter_time)) deallocate (model%skeleton%node_filter_time)
+    if (allocated(model%skeleton%node_share)) deallocate (model%skeleton%node_share)
     place = model%p%build_position
     associate (time => model%particles%field(model%p%filter_time)%values(1, :), &
                n => model%particles%count)
@@ -75,8 +75,8 @@ contains
       end if
       shortest = model%comm%minimum(shortest)
       longest = model%comm%maximum(longest)
-      model%filter_time = longest
-      if (.not. longest > 0.0_wp) model%filter_time = never   ! not set yet
+      model%skeleton%filter_time = longest
+      if (.not. longest > 0.0_wp) model%skeleton%filter_time = never   ! not set yet
       if (.not. longest > shortest) return
       allocate (patch(n), cell(n), source=0)
       call model%grid%locate(n, model%particles%field(place)%values(:, 1:n), patch, cell, n_lost)
@@ -91,9 +91,9 @@ contains
       end do
     end associate
     call model%grid%node_map%sum_copies(model%comm, 2, sums)
-    allocate (model%node_filter_time(model%grid%n_node), source=longest)
+    allocate (model%skeleton%node_filter_time(model%grid%n_node), source=longest)
     do i = 1, model%grid%n_node
-      if (sums(1, i) > 0.0_wp) model%node_filter_time(i) = sums(2, i)/sums(1, i)
+      if (sums(1, i) > 0.0_wp) model%skeleton%node_filter_time(i) = sums(2, i)/sums(1, i)
     end do
   end subroutine spread_filter_times
 end module dosui_transfer_filter

@@ -81,7 +81,7 @@ contains
       if (by_water) then
         text = text//': the pressure ('//to_text(field(h%pore_pressure)%values(1, p), 3)// &
                ' Pa at the start of the step) still changes by '//to_text(worst, 3)//' Pa'
-        if (model%retention(m)%is_active) then
+        if (model%water%retention(m)%is_active) then
           text = text//'. Such steps usually mean a wetting front in dry soil or a surface '// &
                  'that gets wet at once: finer particles, a smaller retention_exponent or '// &
                  'retention_alpha, heads that rise with time (factor_times)'
@@ -114,10 +114,10 @@ contains
     real(wp) :: tangent(nsig, nsig), there, elastic
 
     text = ''
-    if (model%finite .or. .not. allocated(model%strain_increment)) return
+    if (model%finite .or. .not. allocated(model%skeleton%strain_increment)) return
     call elastic_tangent(model, p, tangent)
     there = norm2(model%particles%field(model%p%effective_stress)%values(:, p))
-    elastic = norm2(before + matmul(tangent, model%strain_increment(:, p)))
+    elastic = norm2(before + matmul(tangent, model%skeleton%strain_increment(:, p)))
     if (.not. (there > 0.0_wp .and. elastic > 1.01_wp*there)) return
     text = ', elastic stresses would be '//to_text(elastic/there, 3)//' times what the soil bears'
   end function beyond_strength
@@ -130,11 +130,11 @@ contains
 
     share = 0.0_wp
     if (model%rigid .or. .not. model%materials%is_nonlinear()) return
-    if (.not. allocated(model%tangent)) return   ! none has been needed yet
+    if (.not. allocated(model%skeleton%tangent)) return   ! none has been needed yet
     counts = 0.0_wp
     do p = 1, model%particles%count
       call elastic_tangent(model, p, tangent)
-      if (softest(model%tangent(:, :, p), tangent) < soft) counts(1) = counts(1) + 1.0_wp
+      if (softest(model%skeleton%tangent(:, :, p), tangent) < soft) counts(1) = counts(1) + 1.0_wp
     end do
     counts(2) = real(model%particles%count, wp)
     call model%comm%sum_array(counts)

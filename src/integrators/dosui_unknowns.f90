@@ -63,7 +63,7 @@ contains
       do p = 1, n
         number(p) = real(first + p - 1, wp)   ! exact below 2**53
       end do
-      call model%particle_map%gather(model%comm, 1, number)
+      call model%water%particle_map%gather(model%comm, 1, number)
       self%particle_row = nint(number)
     end if
     self%n_u = 0
@@ -74,7 +74,7 @@ contains
     self%row = merge(no_row, self%own_row, is_empty)
     self%sign = merge(0.0_wp, 1.0_wp, is_empty)
     call self%number_plates(model)
-    self%extends = model%extension%is_on
+    self%extends = model%mesh%extension%is_on
     if (self%extends) call self%follow(model)
     self%n_moving = count(self%row(:, self%own_node) == self%own_row(:, self%own_node))
   end subroutine unknowns_build
@@ -87,9 +87,9 @@ contains
     logical, allocatable :: is_constrained(:, :)
     integer :: a, k, i, n, r, s, pass
 
-    associate (extension => model%extension)
+    associate (extension => model%mesh%extension)
       allocate (is_constrained(ndim, model%grid%n_node), source=.false.)
-      associate (set => model%nodal_conditions)
+      associate (set => model%skeleton%nodal_conditions)
         do k = 1, set%n_constraint
           is_constrained(set%direction(k), set%node(k)) = .true.
         end do
@@ -191,9 +191,9 @@ contains
     logical, allocatable :: keeps(:, :)
 
     if (.not. self%extends) return
-    keeps = spread(model%extension%follows, 1, ndim) .and. .not. self%follows
+    keeps = spread(model%mesh%extension%follows, 1, ndim) .and. .not. self%follows
     folded = merge(0.0_wp, force, keeps)
-    call model%extension%fold(model%comm, model%grid, ndim, folded)
+    call model%mesh%extension%fold(model%comm, model%grid, ndim, folded)
     force = merge(force, folded, keeps)
   end subroutine unknowns_fold
 
@@ -206,7 +206,7 @@ contains
 
     if (.not. self%extends) return
     expanded = motion
-    call model%extension%expand(model%comm, model%grid, ndim, expanded)
+    call model%mesh%extension%expand(model%comm, model%grid, ndim, expanded)
     motion = merge(expanded, motion, self%follows)
   end subroutine unknowns_expand
 
@@ -242,7 +242,7 @@ contains
     type(model_t), intent(inout) :: model
     integer :: k, slot, node, a
 
-    associate (set => model%nodal_conditions)
+    associate (set => model%skeleton%nodal_conditions)
       if (allocated(self%plate_row)) deallocate (self%plate_row, self%plate_is_mine)
       allocate (self%plate_row(size(set%plate_condition)), source=huge(1))
       allocate (self%plate_is_mine(size(set%plate_condition)), source=.false.)
@@ -315,7 +315,8 @@ contains
     if (size(self%own_node) > 0) first = self%own_row(1, self%own_node(1))
     do slot = 1, size(plate)
       if (.not. self%plate_is_mine(slot)) cycle
-      load = model%nodal_conditions%wall(model%nodal_conditions%plate_condition(slot))%force(time)
+      load = model%skeleton%nodal_conditions%wall( &
+             model%skeleton%nodal_conditions%plate_condition(slot))%force(time)
       if (present(without_loads)) load = merge(0.0_wp, load, without_loads)
       rows(self%plate_row(slot) - first + 1) = plate(slot) - load
     end do
@@ -384,7 +385,7 @@ contains
     integer :: k
 
     motion = 0.0_wp
-    associate (set => model%nodal_conditions)
+    associate (set => model%skeleton%nodal_conditions)
       do k = 1, set%n_constraint
         if (.not. self%is_held(set%direction(k), set%node(k))) cycle
         motion(set%direction(k), set%node(k)) = set%way(k, from, to)

@@ -27,7 +27,7 @@ contains
     type(model_t), intent(in) :: model
     real(wp), intent(in) :: supply    !! from sources, all of this rank's particles [m3/s]
     real(wp), intent(out) :: rate(:)  !! (conditions + 2) [m3/s]
-    real(wp) :: flux(model%surface_flux%n)
+    real(wp) :: flux(model%water%surface_flux%n)
     integer :: p, e, c, gross
 
     gross = size(rate)
@@ -36,13 +36,13 @@ contains
     rate(gross) = abs(supply)
     call surface_values(model, flux)
     associate (area => model%surface%field(model%s%area)%values, &
-               conditions => model%hydraulic_conditions)
-      do e = 1, model%surface_flux%n
-        if (.not. model%surface_flux%is_head(e)) cycle
-        p = model%surface_flux%point(e)
+               conditions => model%water%hydraulic_conditions)
+      do e = 1, model%water%surface_flux%n
+        if (.not. model%water%surface_flux%is_head(e)) cycle
+        p = model%water%surface_flux%point(e)
         c = conditions%condition(p)
-        rate(c) = rate(c) - model%surface_flux%share(e)*area(1, p)*flux(e)
-        rate(gross) = rate(gross) + model%surface_flux%share(e)*area(1, p)*abs(flux(e))
+        rate(c) = rate(c) - model%water%surface_flux%share(e)*area(1, p)*flux(e)
+        rate(gross) = rate(gross) + model%water%surface_flux%share(e)*area(1, p)*abs(flux(e))
       end do
       do p = 1, model%surface%count
         c = conditions%condition(p)
@@ -51,10 +51,10 @@ contains
         rate(c) = rate(c) - area(1, p)*conditions%datum(p)
         rate(gross) = rate(gross) + area(1, p)*abs(conditions%datum(p))
       end do
-      if (.not. allocated(model%inertia_flux)) return
+      if (.not. allocated(model%water%inertia_flux)) return
       do p = 1, model%surface%count   ! the other part of Darcy's law
         c = conditions%condition(p)
-        if (c > 0) rate(c) = rate(c) + area(1, p)*model%inertia_flux(p)
+        if (c > 0) rate(c) = rate(c) + area(1, p)*model%water%inertia_flux(p)
       end do
     end associate
   end subroutine inflow_rate
@@ -65,12 +65,12 @@ contains
     real(wp), intent(out) :: values(:)   !! (pairs) [m/s or m]
 
     if (model%unsaturated) then
-      call model%surface_flux%apply(model%head_operator, model%head, &
-                                    model%hydraulic_conditions%datum, values, &
-                                    model%relative, model%point_relative)
+      call model%water%surface_flux%apply(model%water%head_operator, model%water%head, &
+                                          model%water%hydraulic_conditions%datum, values, &
+                                          model%water%relative, model%water%point_relative)
     else
-      call model%surface_flux%apply(model%head_operator, model%head, &
-                                    model%hydraulic_conditions%datum, values)
+      call model%water%surface_flux%apply(model%water%head_operator, model%water%head, &
+                                          model%water%hydraulic_conditions%datum, values)
     end if
   end subroutine surface_values
 
@@ -83,12 +83,12 @@ contains
     real(wp) :: content(size(before)), volume(size(before))   ! changes of the step [m3]
 
     associate (balance => model%balance, n => size(before))
-      content = model%water_weight(1:n)*content_change(model, before, after)
+      content = model%mesh%water_weight(1:n)*content_change(model, before, after)
       balance%inflow = balance%inflow + inflow
       balance%stored = balance%stored + sum(content)
       balance%moved = balance%moved + sum(abs(content))
       if (.not. model%rigid) then
-        volume = model%water_weight(1:n)*model%volume_strain(1:n)* &
+        volume = model%mesh%water_weight(1:n)*model%water%volume_strain(1:n)* &
                  mean_saturation(model, before, after)
         balance%squeezed = balance%squeezed - sum(volume)
         balance%moved = balance%moved + sum(abs(volume))
@@ -106,15 +106,15 @@ contains
     integer :: p
 
     softness = 0.0_wp
-    if (.not. model%rigid) softness = 1.0_wp/model%skeleton_modulus
-    volume = sum(model%water_weight(1:size(pressure))*abs(pressure)* &
-                 (model%storage%compressibility(1:size(pressure)) + softness))
+    if (.not. model%rigid) softness = 1.0_wp/model%scales%skeleton_modulus
+    volume = sum(model%mesh%water_weight(1:size(pressure))*abs(pressure)* &
+                 (model%water%storage%compressibility(1:size(pressure)) + softness))
     do p = 1, model%surface%count
-      if (model%hydraulic_conditions%condition(p) == 0) cycle
-      if (model%hydraulic_conditions%kind(p) == kind_flux) cycle
+      if (model%water%hydraulic_conditions%condition(p) == 0) cycle
+      if (model%water%hydraulic_conditions%kind(p) == kind_flux) cycle
       volume = volume + model%surface%field(model%s%area)%values(1, p)*model%clock%dt* &
                maxval(model%scene%material%hydraulic_conductivity%constant)* &
-               abs(model%hydraulic_conditions%datum(p))/model%spacing
+               abs(model%water%hydraulic_conditions%datum(p))/model%scales%spacing
     end do
   end function water_at_hand
 

@@ -52,27 +52,27 @@ contains
     place = model%s%current_position
     call surface_elevation(model, elevation)
     n = size(elevation)
-    associate (field => model%surface%field, conditions => model%hydraulic_conditions)
+    associate (field => model%surface%field, conditions => model%water%hydraulic_conditions)
       call conditions%set_time(model%scene%hydraulic_condition, time, &
                                model%scene%water%unit_weight, elevation, &
                                field(place)%values(:, 1:n), &
                                field(model%s%normal)%values(:, 1:n))
-      if (allocated(model%inertia_flux)) then
+      if (allocated(model%water%inertia_flux)) then
         do p = 1, n   ! the head drives what is prescribed and what inertia takes in
           if (conditions%kind(p) == kind_head) cycle
           if (conditions%condition(p) == 0) conditions%datum(p) = 0.0_wp
-          conditions%datum(p) = conditions%datum(p) + model%inertia_flux(p)
+          conditions%datum(p) = conditions%datum(p) + model%water%inertia_flux(p)
         end do
       end if
       if (.not. model%unsaturated) return
-      if (allocated(model%point_relative)) deallocate (model%point_relative)
-      allocate (model%point_relative(n), source=1.0_wp)
+      if (allocated(model%water%point_relative)) deallocate (model%water%point_relative)
+      allocate (model%water%point_relative(n), source=1.0_wp)
       do p = 1, n
         if (conditions%kind(p) /= kind_head) cycle
-        associate (retention => model%retention(nint(field(model%s%material)%values(1, p))))
-          model%point_relative(p) = retention%relative_conductivity( &
-                                    model%scene%water%unit_weight* &
-                                    (conditions%datum(p) - elevation(p)))
+        associate (retention => model%water%retention(nint(field(model%s%material)%values(1, p))))
+          model%water%point_relative(p) = retention%relative_conductivity( &
+                                          model%scene%water%unit_weight* &
+                                          (conditions%datum(p) - elevation(p)))
         end associate
       end do
     end associate
@@ -85,9 +85,10 @@ contains
 
     if (.not. model%updated) return
     do p = 1, model%particles%count
-      model%elevation(p) = elevation_of(model%particles%field(model%p%position)%values(:, p), &
-                                        model%scene%water%density, model%scene%gravity, &
-                                        model%scene%water%unit_weight)
+      model%water%elevation(p) = elevation_of(model%particles%field(model%p%position)%values(:, &
+                                                                                             p), &
+                                              model%scene%water%density, model%scene%gravity, &
+                                              model%scene%water%unit_weight)
     end do
   end subroutine set_elevation
 
@@ -110,8 +111,8 @@ contains
     integer :: n
 
     n = model%particles%count
-    head(1:n) = pressure(1:n)/model%scene%water%unit_weight + model%elevation(1:n)
-    call model%particle_map%gather(model%comm, 1, head)
+    head(1:n) = pressure(1:n)/model%scene%water%unit_weight + model%water%elevation(1:n)
+    call model%water%particle_map%gather(model%comm, 1, head)
   end subroutine set_heads
 
   subroutine water_rate(model, pressure, rate)
@@ -123,15 +124,18 @@ contains
 
     call prepare_flow(model, pressure)
     if (model%scene%water%operator == 'two_pass') then
-      allocate (flux(ndim, size(model%head)))
-      call model%two_pass%flux(model%head, model%hydraulic_conditions%datum, flux)
-      call model%particle_map%gather(model%comm, ndim, flux)
-      call model%two_pass%divergence(flux, rate)
+      allocate (flux(ndim, size(model%water%head)))
+      call model%water%two_pass%flux(model%water%head, model%water%hydraulic_conditions%datum, flux)
+      call model%water%particle_map%gather(model%comm, ndim, flux)
+      call model%water%two_pass%divergence(flux, rate)
     else if (model%unsaturated) then
-      call model%head_operator%apply_relative(model%head, model%hydraulic_conditions%datum, &
-                                              model%relative, model%point_relative, rate)
+      call model%water%head_operator%apply_relative(model%water%head, &
+                                                    model%water%hydraulic_conditions%datum, &
+                                                 model%water%relative, model%water%point_relative, &
+                                                    rate)
     else
-      call model%head_operator%apply(model%head, model%hydraulic_conditions%datum, rate)
+      call model%water%head_operator%apply(model%water%head, &
+                                           model%water%hydraulic_conditions%datum, rate)
     end if
   end subroutine water_rate
 
@@ -141,16 +145,18 @@ contains
     real(wp), intent(in) :: pressure(:)     !! of owned particles [Pa]
     integer :: p
 
-    call set_heads(model, pressure, model%head)
+    call set_heads(model, pressure, model%water%head)
     if (.not. model%unsaturated) return
-    if (allocated(model%relative)) then
-      if (size(model%relative) /= size(model%head)) deallocate (model%relative)
+    if (allocated(model%water%relative)) then
+      if (size(model%water%relative) /= size(model%water%head)) deallocate (model%water%relative)
     end if
-    if (.not. allocated(model%relative)) allocate (model%relative(size(model%head)), source=1.0_wp)
+    if (.not. allocated(model%water%relative)) allocate (model%water%relative(size( &
+                                                                  model%water%head)), source=1.0_wp)
     do p = 1, model%particles%count
-      model%relative(p) = model%retention(model%material(p))%relative_conductivity(pressure(p))
+      model%water%relative(p) = model%water%retention(model%material(p))%relative_conductivity( &
+                                pressure(p))
     end do
-    call model%particle_map%gather(model%comm, 1, model%relative)
+    call model%water%particle_map%gather(model%comm, 1, model%water%relative)
   end subroutine prepare_flow
 
   subroutine add_sources(model, time, rate, inflow)
@@ -170,7 +176,7 @@ contains
       allocate (supply(n), source=0.0_wp)
       call model%sources%add_water(n, model%particles%field(model%p%position)%values, time, supply)
       rate(1:n) = rate(1:n) + supply
-      supplied = dot_product(model%water_weight(1:n), supply)
+      supplied = dot_product(model%mesh%water_weight(1:n), supply)
     end if
     call inflow_rate(model, supplied, inflow)
   end subroutine add_sources
@@ -189,7 +195,7 @@ contains
     call water_rate(model, pressure, flow)
     call add_sources(model, time, flow, through)
     if (present(inflow)) inflow = through
-    flow = flow*model%water_weight
+    flow = flow*model%mesh%water_weight
     call model%timers%stop(model%phase%water)
   end subroutine find_flow
 
@@ -218,17 +224,18 @@ contains
       call add_sources(model, model%clock%time + 0.5_wp*model%clock%dt, flow, inflow)
     end if
     if (.not. model%rigid) then
-      rate(1:n) = -saturation_at(model, pressure(1:n))*model%volume_strain(1:n)/model%clock%dt
-      if (drained .and. allocated(model%inertia_strain)) then
-        flow = flow + model%inertia_strain(1:n)/model%clock%dt
+      rate(1:n) = -saturation_at(model, pressure(1:n))*model%water%volume_strain(1:n)/model%clock%dt
+      if (drained .and. allocated(model%water%inertia_strain)) then
+        flow = flow + model%water%inertia_strain(1:n)/model%clock%dt
       end if
     end if
-    if (.not. (model%updated .and. drained .and. max(model%substeps, model%stages) > 1)) then
+    if (.not. (model%updated .and. drained .and. max(model%water%substeps, &
+                                                     model%water%stages) > 1)) then
       rate(1:n) = rate(1:n) + flow
       flow = 0.0_wp
     end if
     call fill_stores(model, rate)
-    rate(1:n) = rate(1:n) + flow/model%storage%compressibility
+    rate(1:n) = rate(1:n) + flow/model%water%storage%compressibility
   end subroutine pressure_rate
 
   subroutine fill_stores(model, rate)
@@ -239,15 +246,16 @@ contains
     integer :: n
 
     n = model%particles%count
-    if (model%storage%projected) then
+    if (model%water%storage%projected) then
       allocate (sums(model%grid%n_cell), block(model%grid%n_block))
-      call cell_sums(n, model%cell, model%water_weight, rate, &
+      call cell_sums(n, model%mesh%cell, model%mesh%water_weight, rate, &
                      model%grid%n_cell, sums)
-      call model%average%block_means(model%comm, model%grid, 1, sums, block)
-      call model%average%group_means(model%comm, model%grid, 1, sums)
-      call model%storage%pressure_rate(n, model%cell, model%grid%cell_block, sums, block, rate)
+      call model%mesh%average%block_means(model%comm, model%grid, 1, sums, block)
+      call model%mesh%average%group_means(model%comm, model%grid, 1, sums)
+      call model%water%storage%pressure_rate(n, model%mesh%cell, model%grid%cell_block, sums, &
+                                             block, rate)
     else
-      rate(1:n) = rate(1:n)/model%storage%compressibility
+      rate(1:n) = rate(1:n)/model%water%storage%compressibility
     end if
   end subroutine fill_stores
 
@@ -265,13 +273,13 @@ contains
     pressure = model%particles%field(model%p%pore_pressure)%values(1, 1:n)
     call set_elevation(model)
     if (model%updated) then   ! pressures on surfaces are heads above the points' new places
-      call gather_field(model%comm, model%surface, model%surface_map, model%s%position)
+      call gather_field(model%comm, model%surface, model%water%surface_map, model%s%position)
     end if
     call set_surface_data(model, model%clock%time + model%clock%dt)
-    if (drained .and. model%stages > 0) then
+    if (drained .and. model%water%stages > 0) then
       call super_step(model, pressure, total)
     else
-      n_step = merge(model%substeps, 1, drained)
+      n_step = merge(model%water%substeps, 1, drained)
       do k = 1, n_step
         call pressure_rate(model, drained, pressure, rate, inflow)
         pressure = pressure + model%clock%dt/real(n_step, wp)*rate
@@ -297,7 +305,7 @@ contains
     real(wp), dimension(size(inflow)) :: first_inflow, inflow_before, inflow_now, inflow_next
     integer :: j
 
-    stage = stage_coefficients(model%stages)
+    stage = stage_coefficients(model%water%stages)
     start = pressure
     before = pressure
     inflow_before = 0.0_wp   ! takes the same course from nothing
@@ -305,7 +313,7 @@ contains
     call pressure_rate(model, .true., start, first_rate, first_inflow)
     pressure = start + stage(1)%mu_t*model%clock%dt*first_rate
     inflow = stage(1)%mu_t*model%clock%dt*first_inflow
-    do j = 2, model%stages
+    do j = 2, model%water%stages
       call pressure_rate(model, .true., pressure, rate, inflow_now)
       next = stage(j)%mu*pressure + stage(j)%nu*before + &
              (1.0_wp - stage(j)%mu - stage(j)%nu)*start + &
@@ -325,10 +333,10 @@ contains
     real(wp), intent(inout) :: pressure(:)
     integer :: i
 
-    do i = 1, model%two_pass%n_row
-      if (model%two_pass%held_by(i) == 0) cycle
-      pressure(i) = (model%hydraulic_conditions%datum(model%two_pass%held_by(i)) - &
-                     model%elevation(i))*model%scene%water%unit_weight
+    do i = 1, model%water%two_pass%n_row
+      if (model%water%two_pass%held_by(i) == 0) cycle
+      pressure(i) = (model%water%hydraulic_conditions%datum(model%water%two_pass%held_by(i)) - &
+                     model%water%elevation(i))*model%scene%water%unit_weight
     end do
   end subroutine hold_heads
 
@@ -344,7 +352,7 @@ contains
       allocate (point_soil(model%surface%count + model%surface%ghost_count), source=k(1))
       if (model%s%material == 0) return   ! all alike
       soil(1:n) = k(nint(model%particles%field(model%p%material)%values(1, 1:n)))
-      call model%particle_map%gather(model%comm, 1, soil)
+      call model%water%particle_map%gather(model%comm, 1, soil)
       point_soil = k(nint(model%surface%field(model%s%material)%values(1, 1:size(point_soil))))
     end associate
   end subroutine soil_conductivities
@@ -359,8 +367,8 @@ contains
     integer :: n
 
     if (model%updated) then
-      call gather_field(model%comm, model%particles, model%particle_map, model%p%position)
-      call gather_field(model%comm, model%surface, model%surface_map, model%s%position)
+      call gather_field(model%comm, model%particles, model%water%particle_map, model%p%position)
+      call gather_field(model%comm, model%surface, model%water%surface_map, model%s%position)
     end if
     particle_place = model%p%current_position
     surface_place = model%s%current_position
@@ -369,19 +377,19 @@ contains
     if (model%unsaturated) then
       n = model%particles%count
       call prepare_flow(model, model%particles%field(model%p%pore_pressure)%values(1, 1:n))
-      conductivity(1:n) = conductivity(1:n)*model%relative(1:n)
+      conductivity(1:n) = conductivity(1:n)*model%water%relative(1:n)
     end if
     allocate (flux(ndim, model%particles%count))
     if (model%scene%water%operator == 'two_pass') then
-      call model%two_pass%flux(head, model%hydraulic_conditions%datum, flux)
+      call model%water%two_pass%flux(head, model%water%hydraulic_conditions%datum, flux)
     else
       call soil_conductivities(model, soil, point_soil)
-      call model%head_operator%flux(model%particles%field(particle_place)%values, &
-                                    conductivity, soil, model%spacing, &
-                                    model%scene%water%support_radius, &
-                                    model%surface%field(surface_place)%values, &
-                                    model%surface%field(model%s%normal)%values, point_soil, head, &
-                                    model%hydraulic_conditions%datum, flux)
+      call model%water%head_operator%flux(model%particles%field(particle_place)%values, &
+                                          conductivity, soil, model%scales%spacing, &
+                                          model%scene%water%support_radius, &
+                                          model%surface%field(surface_place)%values, &
+                                     model%surface%field(model%s%normal)%values, point_soil, head, &
+                                          model%water%hydraulic_conditions%datum, flux)
     end if
   end subroutine darcy_velocity
 end module dosui_water_step

@@ -102,13 +102,8 @@ contains
     end if
     if (needs%affine) handles%affine = set%add('affine', '1/s', ndim*ndim, yes, no, no, yes)
     if (needs%filtered) handles%filter_time = set%add('filter_time', 's', 1, yes, no, no, yes)
-    handles%current_position = handles%position
-    handles%build_position = handles%position
-    if (needs%finite) handles%current_position = &
-      set%add('current_position', 'm', ndim, yes, yes, no, yes)
-    if (needs%updated) handles%build_position = &
-      set%add('build_position', 'm', ndim, yes, yes, no, yes)
-    handles%water_position = merge(handles%build_position, handles%current_position, needs%updated)
+    call add_positions(set, needs, handles%position, handles%current_position, &
+                       handles%build_position, handles%water_position)
     if (needs%following) handles%half_domain = &
       set%add('half_domain', '-', ndim, yes, no, no, yes)
     if (needs%finite .or. needs%following) handles%deformation = &
@@ -143,13 +138,8 @@ contains
     handles%patch = set%add('patch', '-', 1, yes, yes, no, yes)
     handles%displacement = set%add('displacement', 'm', ndim, yes, no, no, yes)
     handles%velocity = set%add('velocity', 'm/s', ndim, yes, no, no, yes)
-    handles%current_position = handles%position
-    handles%build_position = handles%position
-    if (needs%finite) handles%current_position = &
-      set%add('current_position', 'm', ndim, yes, yes, no, yes)
-    if (needs%updated) handles%build_position = &
-      set%add('build_position', 'm', ndim, yes, yes, no, yes)
-    handles%water_position = merge(handles%build_position, handles%current_position, needs%updated)
+    call add_positions(set, needs, handles%position, handles%current_position, &
+                       handles%build_position, handles%water_position)
     if (needs%updated) handles%outward_area = set%add('outward_area', 'm2', ndim, yes, no, no, yes)
     if (needs%switching) handles%has_head = set%add('has_head', '-', 1, yes, yes, no, yes)
     if (needs%unsaturated .or. needs%layered) handles%material = &
@@ -164,4 +154,19 @@ contains
     handles%deformation = set%add('deformation', '-', ndim*ndim, yes, no, no, yes)
     handles%reference_area = set%add('reference_area', 'm2', ndim, yes, no, no, yes)
   end subroutine register_surface_fields
+
+  subroutine add_positions(set, needs, position, current, build, water)
+    !! Handles of a point's other positions: fields of their own where bodies deform.
+    type(point_set_t), intent(inout) :: set
+    type(field_needs_t), intent(in) :: needs
+    integer, intent(in) :: position
+    integer, intent(out) :: current, build, water
+    logical, parameter :: yes = .true., no = .false.
+
+    current = position
+    build = position
+    if (needs%finite) current = set%add('current_position', 'm', ndim, yes, yes, no, yes)
+    if (needs%updated) build = set%add('build_position', 'm', ndim, yes, yes, no, yes)
+    water = merge(build, current, needs%updated)
+  end subroutine add_positions
 end module dosui_particle_fields

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -98,6 +99,75 @@ def test_settlement_with_a_table_of_the_stiffness(
     run = dosui(text, ranks=1 + in_file)
     assert settled(run) == pytest.approx(exact_settlement(), rel=1e-4)
     assert "no formula calls" not in run.stdout
+
+
+def random_stiffness(rng: np.random.Generator, low: float, high: float) -> tuple[str, str, Any]:
+    """A formula of z, the tables that it calls, and the same as a function of z [Pa]."""
+    mean = 10 ** rng.uniform(5, 8)
+    ratio = rng.uniform(0.1, 0.9)
+    wave = rng.uniform(0.5, 2.0)
+    middle, height = 0.5 * (low + high), high - low
+    z = np.sort(rng.uniform(low, high, rng.integers(2, 7)))
+    e = mean * rng.uniform(0.3, 3.0, z.size)
+    table = "&table name = 'e_of_z' arguments = {} values = {} /".format(
+        ", ".join(f"{x:.17g}" for x in z), ", ".join(f"{x:.17g}" for x in e)
+    )
+    place = f"(z - ({middle!r}))/{height!r}"
+    choices: list[tuple[str, str, Any]] = [
+        (
+            f"{mean!r}*(1 + {ratio!r}*2*{place})",
+            "",
+            lambda x: mean * (1 + ratio * 2 * (x - middle) / height),
+        ),
+        (
+            f"{mean!r}*exp({2 * ratio!r}*{place})",
+            "",
+            lambda x: mean * np.exp(2 * ratio * (x - middle) / height),
+        ),
+        (
+            f"{mean!r}/(1 + {ratio!r}*sin(2*pi*{wave!r}*{place}))",
+            "",
+            lambda x: mean / (1 + ratio * np.sin(2 * np.pi * wave * (x - middle) / height)),
+        ),
+        ("E_of_z(z)", table, lambda x: np.interp(x, z, e)),
+        (
+            f"max(e_of_z(z), {mean!r}) + abs({mean * ratio!r}*{place})",
+            table,
+            lambda x: (
+                np.maximum(np.interp(x, z, e), mean) + np.abs(mean * ratio * (x - middle) / height)
+            ),
+        ),
+    ]
+    return choices[rng.integers(len(choices))]
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_random_columns(dosui: Runner, seed: int) -> None:
+    """Formulas and tables of any of these kinds, sizes, places, particles a cell and ranks."""
+    rng = np.random.default_rng(seed)
+    height = rng.uniform(0.5, 50.0)
+    low = float(rng.choice([0.0, rng.uniform(-100, 100), rng.uniform(1e3, 1e5)]))
+    formula, table, stiffness = random_stiffness(rng, low, low + height)
+    poisson = rng.uniform(0.0, 0.45)
+    confined = (1 - poisson) / ((1 + poisson) * (1 - 2 * poisson))
+    load = 1e-3 * float(stiffness(np.array(low + 0.5 * height)))
+    text = f"""&scene dimension = 1 integrator = 'quasi_static' water = 'none' /
+&grid spacing = {height / 80!r} origin = {low!r} /
+&time end_time = 1.0 /
+{table}
+&material name = 'soil' young_modulus = "{formula}" poisson_ratio = {poisson!r} /
+&region name = 'column' material = 'soil' box_min = {low!r} box_max = {low + height!r}
+  particles_per_cell = {rng.integers(1, 4)} /
+&surface name = 'base' region = 'column' face = 'z-' /
+&surface name = 'top' region = 'column' face = 'z+' /
+&mechanical_condition surface = 'base' kind = 'fixed' /
+&mechanical_condition surface = 'top' kind = 'pressure' value = {load!r} /
+&probe name = 'settlement' kind = 'settlement' surface = 'top' /
+&output name = 'column' /
+"""
+    z = low + height * (np.arange(200000) + 0.5) / 200000
+    exact = load * height * np.mean(1.0 / (confined * stiffness(z)))
+    assert settled(dosui(text, ranks=int(rng.integers(1, 4)))) == pytest.approx(exact, rel=1e-3)
 
 
 def test_one_hydrograph_for_several_conditions(dosui: Runner) -> None:

@@ -1,7 +1,7 @@
 # MPI with mpi_f08, parallel HDF5 with its Fortran modules, METIS with 32-bit indices, PETSc.
 set(dosui_debian_hint "On Debian: apt install")
 
-find_package(MPI COMPONENTS Fortran)
+find_package(MPI COMPONENTS C Fortran)
 if(NOT MPI_Fortran_FOUND)
   message(FATAL_ERROR "dosui needs MPI for Fortran. ${dosui_debian_hint} libopenmpi-dev openmpi-bin")
 endif()
@@ -40,5 +40,16 @@ if(NOT PETSC_LIBRARY)
   message(FATAL_ERROR "dosui needs PETSc. ${dosui_debian_hint} libpetsc-real-dev; elsewhere set \
 PETSC_DIR or CMAKE_PREFIX_PATH")
 endif()
+file(REAL_PATH ${PETSC_LIBRARY} petsc_real_path)
+get_filename_component(petsc_lib_dir ${petsc_real_path} DIRECTORY)
+file(GLOB petsc_roots /usr/lib/petscdir/petsc3*/*-real /usr/lib/petscdir/*)
+find_path(PETSC_INCLUDE_DIR petscmat.h HINTS ENV PETSC_DIR ${petsc_lib_dir}/.. ${petsc_roots}
+  PATH_SUFFIXES include)
+find_path(PETSC_CONF_DIR petscconf.h HINTS $ENV{PETSC_DIR}/$ENV{PETSC_ARCH} ${PETSC_INCLUDE_DIR}/..
+  PATH_SUFFIXES include)
+if(NOT PETSC_INCLUDE_DIR OR NOT PETSC_CONF_DIR)
+  message(FATAL_ERROR "dosui needs the headers of PETSc (${PETSC_LIBRARY}); set PETSC_DIR")
+endif()
 add_library(dosui_petsc INTERFACE)
-target_link_libraries(dosui_petsc INTERFACE ${PETSC_LIBRARY})
+target_include_directories(dosui_petsc SYSTEM INTERFACE ${PETSC_INCLUDE_DIR} ${PETSC_CONF_DIR})
+target_link_libraries(dosui_petsc INTERFACE ${PETSC_LIBRARY} MPI::MPI_C)

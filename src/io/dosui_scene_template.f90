@@ -238,7 +238,7 @@ contains
 
     groups = scene_groups()
     call collect_keys(keys)
-    contents = docs_mark('dosui_scene_keys')//'# The scene file'//newline//newline// &
+    contents = docs_mark('dosui_*_keys')//'# The scene file'//newline//newline// &
                'A scene is a text file of groups, `&name key = value ... /`; `!` begins a '// &
                'comment. Texts stand in'//newline//'quotes, vectors hold the components of the '// &
                'scene''s dimension: (z), (x, z) or (x, y, z), with z up.'//newline// &
@@ -280,7 +280,7 @@ contains
     character(len=:), allocatable :: text
     integer :: k
 
-    text = docs_mark('dosui_scene_keys')//'# `&'//group%name//'`'//newline//newline// &
+    text = docs_mark('dosui_*_keys')//'# `&'//group%name//'`'//newline//newline// &
            group%description//newline//newline//'This group is '//group_note(group)//'.'// &
            newline//newline// &
            '| key | type | unit | default | allowed | meaning | at a restart |'//newline// &

@@ -21,8 +21,12 @@ module dosui_petsc
             ksp_destroy, ksp_set_nonzero_guess
   public :: pc_set_split, has_umfpack, has_hypre
 
-  integer(c_int), parameter, public :: insert_values = 1   !! equal places are summed all the same
-  integer(c_int), parameter, public :: initial_matrix = 0, reuse_matrix = 1
+  ! of petsc_enumerations.c
+  integer(c_int), bind(c, name='dosui_petsc_insert_values'), protected, public :: insert_values
+  !! equal places are summed all the same
+  integer(c_int), bind(c, name='dosui_petsc_initial_matrix'), protected, public :: initial_matrix
+  integer(c_int), bind(c, name='dosui_petsc_reuse_matrix'), protected, public :: reuse_matrix
+  integer(c_int), bind(c, name='dosui_petsc_factor_lu'), protected :: factor_lu
 
   type(c_ptr), bind(c, name='PETSC_COMM_WORLD') :: petsc_world
   logical :: is_started = .false.
@@ -339,12 +343,11 @@ contains
 
   logical function has_umfpack()
     !! Was PETSc built with UMFPACK? It is faster than PETSc's own factorisation.
-    integer(c_int), parameter :: lu = 1   ! MAT_FACTOR_LU
     integer(c_int) :: status, has_solver, has_matrix
     type(c_ptr) :: create
 
-    status = solver_type_get('umfpack'//c_null_char, 'seqaij'//c_null_char, lu, has_solver, &
-                             has_matrix, create)
+    status = solver_type_get('umfpack'//c_null_char, 'seqaij'//c_null_char, factor_lu, &
+                             has_solver, has_matrix, create)
     has_umfpack = status == 0 .and. has_solver /= 0 .and. has_matrix /= 0
   end function has_umfpack
 

@@ -199,6 +199,7 @@ def wrong_choices(scene: str, keys: str) -> list[tuple[int, str]]:
 
 
 def check_choices(root: Path) -> list[str]:
-    scene, keys = root / "src/io/dosui_scene.f90", root / "src/io/dosui_scene_keys.f90"
-    found = wrong_choices(scene.read_text(), keys.read_text())
-    return [f"{scene}:{line}: {what} (`choices` of dosui_scene_keys)" for line, what in found]
+    scene = root / "src/io/dosui_scene.f90"
+    keys = "".join(path.read_text() for path in sorted((root / "src/io").glob("dosui_*_keys.f90")))
+    found = wrong_choices(scene.read_text(), keys)
+    return [f"{scene}:{line}: {what} (`choices` of its key)" for line, what in found]

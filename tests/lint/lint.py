@@ -167,7 +167,7 @@ KNOWN_BY_NAME = {
         "roller fixed normal_velocity plate",
         "",
         "dosui_wall",
-        "dosui_scene_keys",
+        "dosui_condition_keys",
     ),
 }
 # `x == 'name'`, `'name' /= x`, `case ('name', ...)`; strings stay, comments go.

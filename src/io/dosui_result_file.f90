@@ -23,48 +23,29 @@ module dosui_result_file
   use dosui_dimension, only: ndim
   use dosui_checksum, only: checksum_t, combine_checksums
   use dosui_communicator, only: communicator_t
-  use dosui_sort, only: sort_permutation
   use dosui_text, only: to_text
   use dosui_file_exchange, only: remove_file, rename_file
   use dosui_history, only: history_t, history_column_t
-  use dosui_hdf5, only: hid_t, hdf5_file_t, hdf5_real, hdf5_integer, &
-                        hdf5_create_group, hdf5_open_group, hdf5_close_group, &
-                        hdf5_create_dataset, hdf5_open_dataset, hdf5_close_dataset, &
-                        hdf5_dataset_shape, hdf5_resize_dataset, &
-                        hdf5_write_rows, hdf5_read_rows, &
-                        hdf5_write_attribute, hdf5_read_attribute, hdf5_update_attribute, &
-                        hdf5_write_text, hdf5_read_text, &
-                        hdf5_exists, hdf5_n_links, hdf5_create_soft_link, hdf5_create_hard_link, &
+  use dosui_hdf5, only: hid_t, hdf5_file_t, hdf5_integer, hdf5_create_group, hdf5_open_group, &
+                        hdf5_close_group, hdf5_create_dataset, hdf5_open_dataset, &
+                        hdf5_close_dataset, hdf5_dataset_shape, hdf5_resize_dataset, &
+                        hdf5_write_rows, hdf5_read_rows, hdf5_write_attribute, &
+                        hdf5_read_attribute, hdf5_update_attribute, hdf5_read_text, hdf5_exists, &
+                        hdf5_n_links, hdf5_create_soft_link, hdf5_create_hard_link, &
                         hdf5_remove_link
   use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
+  use dosui_result_rows, only: plan_redistribution, write_columns, write_sequence, write_nan, &
+                               share, copy_reals, copy_integers, copy_column, sum_reals, &
+                               sum_integers, checksums_of_rows
+  use dosui_result_structure, only: check_layout, build_histories, build_scene, build_twins, &
+                                    build_checksums, summed_names, text_sum, twin_name, sum_ids, &
+                                    sum_points, n_first_sum, result_field_t, result_layout_t
   implicit none
   private
 
-  character(len=*), parameter :: twin_name(2) = ['a', 'b']
-  integer, parameter :: copy_rows = 1000000   !! rows a rank holds while copying
-  ! checksums of a step: of time and place, ids, points, then of each field
+  public :: result_field_t, result_layout_t
+
   character(len=*), parameter :: row_sums_name = 'Checksums/history'
-  integer, parameter :: sum_place = 1, sum_ids = 2, sum_points = 3, n_first_sum = 3
-
-  type, public :: result_field_t
-    !! A quantity stored for every point.
-    character(len=64) :: name = ''
-    character(len=16) :: unit = ''
-    integer :: n_components = 1     !! 1, 3 (vectors) or 6 (xx, yy, zz, xy, yz, zx)
-  end type result_field_t
-
-  type, public :: result_layout_t
-    !! What a result file holds; equal on all ranks.
-    integer :: n_step_max = 0                       !! output steps there is room for
-    integer(i8) :: n_point = 0_i8                   !! points a step on all ranks, at most
-    type(result_field_t), allocatable :: field(:)
-    type(history_column_t), allocatable :: history(:)
-    integer(i8) :: history_capacity = 0_i8          !! rows of the histories there is room for
-    character(len=:), allocatable :: scene_text     !! the namelist as read
-    character(len=:), allocatable :: scene_echo     !! every key with the value in force
-    character(len=64), allocatable :: metadata_name(:)     !! e.g. 'git_hash'; attributes of /Scene
-    character(len=256), allocatable :: metadata_value(:)
-  end type result_layout_t
 
   type :: step_plan_t
     !! Where the points of the step that is being written go.
@@ -365,22 +346,6 @@ contains
     call comm%agree(err)
   end subroutine grow_histories
 
-  subroutine copy_column(source, group, name, n, err)
-    !! Copies the first rows of a history to the dataset of this name in a group.
-    integer(hid_t), intent(in) :: source, group
-    character(len=*), intent(in) :: name
-    integer, intent(in) :: n
-    type(error_t), intent(inout) :: err
-    real(wp), allocatable :: column(:)
-    integer(hid_t) :: dataset
-
-    allocate (column(n))
-    call hdf5_open_dataset(group, name, dataset, err)
-    call hdf5_read_rows(source, 1_i8, n, column, err)
-    call hdf5_write_rows(dataset, 1_i8, n, column, err)
-    call hdf5_close_dataset(dataset, err)
-  end subroutine copy_column
-
   subroutine result_close(self, comm, err)
     !! Ends the file. Without any step it stays under its .part name.
     class(result_file_t), intent(inout) :: self
@@ -393,29 +358,6 @@ contains
   end subroutine result_close
 
   ! ---------------------------------------------------------------- checks
-
-  subroutine check_layout(layout, err)
-    type(result_layout_t), intent(in) :: layout
-    type(error_t), intent(inout) :: err
-    integer :: k, j
-
-    if (layout%n_step_max < 1) call err%set('a result file needs room for one step at least')
-    if (.not. (allocated(layout%field) .and. allocated(layout%history) .and. &
-               allocated(layout%metadata_name) .and. allocated(layout%metadata_value))) then
-      call err%set('the layout of the result file is incomplete')
-      return
-    end if
-    if (layout%history_capacity < 0_i8) call err%set('negative number of history rows')
-    do k = 1, size(layout%field)
-      if (layout%field(k)%n_components < 1) call err%set('a result field has no components')
-      if (layout%field(k)%name == 'id') call err%set("the result field 'id' is always written")
-      do j = 1, k - 1
-        if (layout%field(j)%name == layout%field(k)%name) then
-          call err%set("two result fields are called '"//trim(layout%field(k)%name)//"'")
-        end if
-      end do
-    end do
-  end subroutine check_layout
 
   subroutine check_room(self, n_total, err)
     type(result_file_t), intent(in) :: self
@@ -522,307 +464,7 @@ contains
     if (ok .and. err%failed()) call err%set('cannot write '//path)
   end subroutine build_file
 
-  subroutine build_histories(layout, comm, group, err)
-    !! One dataset a history, filled with NaN.
-    type(result_layout_t), intent(in) :: layout
-    type(communicator_t), intent(in) :: comm
-    integer(hid_t), intent(in) :: group
-    type(error_t), intent(inout) :: err
-    integer(hid_t) :: dataset
-    integer :: k
-
-    do k = 1, size(layout%history)
-      call hdf5_create_dataset(group, trim(layout%history(k)%name), hdf5_real, 1, &
-                               layout%history_capacity, dataset, err)
-      call hdf5_write_attribute(dataset, 'unit', trim(layout%history(k)%unit), err)
-      if (comm%is_root()) call write_nan(dataset, 1_i8, layout%history_capacity, err)
-      call hdf5_close_dataset(dataset, err)
-    end do
-  end subroutine build_histories
-
-  subroutine write_nan(dataset, first_row, last_row, err)
-    !! Marks rows of a history as unused.
-    integer(hid_t), intent(in) :: dataset
-    integer(i8), intent(in) :: first_row, last_row
-    type(error_t), intent(inout) :: err
-    real(wp), allocatable :: nan(:)
-    integer(i8) :: row
-    integer :: n
-
-    n = int(min(int(copy_rows, i8), max(0_i8, last_row - first_row + 1_i8)))
-    allocate (nan(n))
-    nan = ieee_value(1.0_wp, ieee_quiet_nan)
-    do row = first_row, last_row, int(max(1, n), i8)
-      call hdf5_write_rows(dataset, row, int(min(int(n, i8), last_row - row + 1_i8)), nan, err)
-    end do
-  end subroutine write_nan
-
-  subroutine build_scene(layout, comm, file, err)
-    !! The scene's text, what was made of it, and where the result comes from.
-    type(result_layout_t), intent(in) :: layout
-    type(communicator_t), intent(in) :: comm
-    integer(hid_t), intent(in) :: file
-    type(error_t), intent(inout) :: err
-    integer(hid_t) :: group
-    integer :: k
-
-    call hdf5_create_group(file, 'Scene', group, err)
-    call hdf5_write_attribute(group, 'ndim', int(ndim, i8), err)
-    call hdf5_write_attribute(group, 'ranks', int(comm%size, i8), err)
-    do k = 1, size(layout%metadata_name)
-      call hdf5_write_attribute(group, trim(layout%metadata_name(k)), &
-                                trim(layout%metadata_value(k)), err)
-    end do
-    call hdf5_write_text(group, 'text', layout%scene_text, comm%is_root(), err)
-    call hdf5_write_text(group, 'echo', layout%scene_echo, comm%is_root(), err)
-    call hdf5_close_group(group, err)
-  end subroutine build_scene
-
-  subroutine build_twins(layout, comm, file, err)
-    !! /Commits/a with everything, /Commits/b sharing all of it that need not exist twice.
-    type(result_layout_t), intent(in) :: layout
-    type(communicator_t), intent(in) :: comm
-    integer(hid_t), intent(in) :: file
-    type(error_t), intent(inout) :: err
-    character(len=9), parameter :: shared(6) = ['Points   ', 'PointData', 'Vertices ', &
-                                                'Lines    ', 'Polygons ', 'Strips   ']
-    character(len=21), parameter :: shared_steps(6) = ['PartOffsets          ', &
-                                                       'NumberOfParts        ', &
-                                                       'PointOffsets         ', &
-                                                       'CellOffsets          ', &
-                                                       'ConnectivityIdOffsets', &
-                                                       'PointDataOffsets     ']
-    integer(hid_t) :: commits, first, second, first_steps, second_steps
-    integer :: k
-
-    call hdf5_create_group(file, 'Commits', commits, err)
-    call build_twin(layout, commits, 1, first, first_steps, err)
-    call build_twin(layout, commits, 2, second, second_steps, err)
-    call build_points(layout, first, err)
-    call build_cells(layout, comm, first, err)
-    call build_step_tables(layout, comm, first_steps, err)
-    do k = 1, size(shared)
-      call hdf5_create_hard_link(first, trim(shared(k)), second, trim(shared(k)), err)
-    end do
-    do k = 1, size(shared_steps)
-      call hdf5_create_hard_link(first_steps, trim(shared_steps(k)), second_steps, &
-                                 trim(shared_steps(k)), err)
-    end do
-    call hdf5_close_group(first_steps, err)
-    call hdf5_close_group(second_steps, err)
-    call hdf5_close_group(first, err)
-    call hdf5_close_group(second, err)
-    call hdf5_close_group(commits, err)
-  end subroutine build_twins
-
-  subroutine build_twin(layout, parent, twin, group, steps, err)
-    type(result_layout_t), intent(in) :: layout
-    integer(hid_t), intent(in) :: parent
-    integer, intent(in) :: twin
-    integer(hid_t), intent(out) :: group, steps
-    type(error_t), intent(inout) :: err
-    integer(hid_t) :: dataset
-    integer(i8) :: n_step
-
-    n_step = int(layout%n_step_max, i8)
-    call hdf5_create_group(parent, twin_name(twin), group, err)
-    call hdf5_write_attribute(group, 'Version', [2_i8, 0_i8], err)
-    call hdf5_write_attribute(group, 'Type', 'PolyData', err)
-    call hdf5_write_attribute(group, 'twin', int(twin, i8), err)
-    call hdf5_create_group(group, 'Steps', steps, err)
-    call hdf5_write_attribute(steps, 'NSteps', 0_i8, err)
-    call hdf5_create_dataset(group, 'NumberOfPoints', hdf5_integer, 1, 1_i8, dataset, err, &
-                             n_row_max=n_step)
-    call hdf5_close_dataset(dataset, err)
-    call hdf5_create_dataset(steps, 'Values', hdf5_real, 1, 1_i8, dataset, err, n_row_max=n_step)
-    call hdf5_write_attribute(dataset, 'unit', 's', err)
-    call hdf5_close_dataset(dataset, err)
-  end subroutine build_twin
-
-  subroutine build_points(layout, parent, err)
-    !! Positions and fields of all steps, one after the other.
-    type(result_layout_t), intent(in) :: layout
-    integer(hid_t), intent(in) :: parent
-    type(error_t), intent(inout) :: err
-    integer(hid_t) :: dataset, group
-    integer(i8) :: n_row
-    integer :: k
-
-    n_row = layout%n_point*layout%n_step_max
-    call hdf5_create_dataset(parent, 'Points', hdf5_real, 3, n_row, dataset, err)
-    call hdf5_write_attribute(dataset, 'unit', 'm', err)
-    call hdf5_close_dataset(dataset, err)
-    call hdf5_create_group(parent, 'PointData', group, err)
-    call hdf5_create_dataset(group, 'id', hdf5_integer, 1, n_row, dataset, err)
-    call hdf5_close_dataset(dataset, err)
-    do k = 1, size(layout%field)
-      call hdf5_create_dataset(group, trim(layout%field(k)%name), hdf5_real, &
-                               layout%field(k)%n_components, n_row, dataset, err)
-      call hdf5_write_attribute(dataset, 'unit', trim(layout%field(k)%unit), err)
-      call hdf5_close_dataset(dataset, err)
-    end do
-    call hdf5_close_group(group, err)
-  end subroutine build_points
-
-  subroutine build_cells(layout, comm, parent, err)
-    !! One vertex a point. All steps share the connectivity, but have their own offsets: VTK 9.3
-    !! skips the offsets of earlier steps in any case.
-    type(result_layout_t), intent(in) :: layout
-    type(communicator_t), intent(in) :: comm
-    integer(hid_t), intent(in) :: parent
-    type(error_t), intent(inout) :: err
-    integer(hid_t) :: group, counts, offsets, connectivity
-    integer(i8), allocatable :: zero(:)
-
-    allocate (zero(layout%n_step_max), source=0_i8)
-    call hdf5_create_group(parent, 'Vertices', group, err)
-    call hdf5_create_dataset(group, 'NumberOfCells', hdf5_integer, 1, size(zero, kind=i8), &
-                             counts, err)
-    call hdf5_create_hard_link(group, 'NumberOfCells', group, 'NumberOfConnectivityIds', err)
-    call hdf5_create_dataset(group, 'Offsets', hdf5_integer, 1, &
-                             (layout%n_point + 1_i8)*layout%n_step_max, offsets, err)
-    call hdf5_create_dataset(group, 'Connectivity', hdf5_integer, 1, layout%n_point, &
-                             connectivity, err)
-    if (comm%is_root()) call hdf5_write_rows(counts, 1_i8, size(zero), zero, err)
-    call write_sequence(comm, connectivity, 1_i8, layout%n_point, err)
-    call hdf5_close_dataset(counts, err)
-    call hdf5_close_dataset(offsets, err)
-    call hdf5_close_dataset(connectivity, err)
-    call hdf5_close_group(group, err)
-
-    call hdf5_create_group(parent, 'Lines', group, err)
-    call hdf5_create_dataset(group, 'NumberOfCells', hdf5_integer, 1, size(zero, kind=i8), &
-                             counts, err)
-    call hdf5_create_hard_link(group, 'NumberOfCells', group, 'NumberOfConnectivityIds', err)
-    call hdf5_create_dataset(group, 'Offsets', hdf5_integer, 1, size(zero, kind=i8), offsets, err)
-    call hdf5_create_dataset(group, 'Connectivity', hdf5_integer, 1, 0_i8, connectivity, err)
-    if (comm%is_root()) call hdf5_write_rows(counts, 1_i8, size(zero), zero, err)
-    if (comm%is_root()) call hdf5_write_rows(offsets, 1_i8, size(zero), zero, err)
-    call hdf5_close_dataset(counts, err)
-    call hdf5_close_dataset(offsets, err)
-    call hdf5_close_dataset(connectivity, err)
-    call hdf5_close_group(group, err)
-    call hdf5_create_hard_link(parent, 'Lines', parent, 'Polygons', err)
-    call hdf5_create_hard_link(parent, 'Lines', parent, 'Strips', err)
-  end subroutine build_cells
-
-  subroutine write_sequence(comm, dataset, first_row, n, err)
-    !! Writes 0, 1, …, n - 1 from a row on; every rank its share, block by block.
-    type(communicator_t), intent(in) :: comm
-    integer(hid_t), intent(in) :: dataset
-    integer(i8), intent(in) :: first_row, n
-    type(error_t), intent(inout) :: err
-    integer(i8), allocatable :: number(:)
-    integer(i8) :: first, last, row
-    integer :: i, m
-
-    call share(n, comm%rank, comm%size, first, last)
-    allocate (number(int(min(int(copy_rows, i8), last - first + 1_i8))))
-    do row = first, last, int(copy_rows, i8)
-      m = int(min(int(copy_rows, i8), last - row + 1_i8))
-      do i = 1, m
-        number(i) = row + i - 2_i8
-      end do
-      call hdf5_write_rows(dataset, first_row + row - 1_i8, m, number, err)
-    end do
-  end subroutine write_sequence
-
-  pure subroutine share(n, rank, n_rank, first, last)
-    !! The contiguous part of 1, …, n that falls to a rank.
-    integer(i8), intent(in) :: n
-    integer, intent(in) :: rank, n_rank
-    integer(i8), intent(out) :: first, last
-    integer(i8) :: part, rest
-
-    part = n/n_rank
-    rest = mod(n, int(n_rank, i8))
-    first = rank*part + min(int(rank, i8), rest) + 1_i8
-    last = first + part - 1_i8
-    if (rank < rest) last = last + 1_i8
-  end subroutine share
-
-  subroutine build_step_tables(layout, comm, steps, err)
-    !! The tables of a step's whereabouts.
-    type(result_layout_t), intent(in) :: layout
-    type(communicator_t), intent(in) :: comm
-    integer(hid_t), intent(in) :: steps
-    type(error_t), intent(inout) :: err
-    integer(i8), allocatable :: table(:)
-    integer(hid_t) :: group
-    integer :: i, k, n
-
-    n = layout%n_step_max
-    allocate (table(4*n), source=0_i8)
-    call build_table(comm, steps, 'CellOffsets', 4, n, table, err)
-    call build_table(comm, steps, 'ConnectivityIdOffsets', 4, n, table, err)
-    call build_table(comm, steps, 'PointOffsets', 1, n, table, err)
-    table = 1_i8
-    call build_table(comm, steps, 'NumberOfParts', 1, n, table, err)
-    do i = 1, n
-      table(i) = i - 1
-    end do
-    call build_table(comm, steps, 'PartOffsets', 1, n, table, err)
-    call hdf5_create_group(steps, 'PointDataOffsets', group, err)
-    call hdf5_create_hard_link(steps, 'PointOffsets', group, 'id', err)
-    do k = 1, size(layout%field)
-      call hdf5_create_hard_link(steps, 'PointOffsets', group, trim(layout%field(k)%name), err)
-    end do
-    call hdf5_close_group(group, err)
-  end subroutine build_step_tables
-
-  subroutine build_table(comm, parent, name, width, n, values, err)
-    type(communicator_t), intent(in) :: comm
-    integer(hid_t), intent(in) :: parent
-    character(len=*), intent(in) :: name
-    integer, intent(in) :: width, n
-    integer(i8), intent(in) :: values(width*n)
-    type(error_t), intent(inout) :: err
-    integer(hid_t) :: dataset
-
-    call hdf5_create_dataset(parent, name, hdf5_integer, width, int(n, i8), dataset, err)
-    if (comm%is_root()) then
-      if (width == 1) call hdf5_write_rows(dataset, 1_i8, n, values, err)
-      if (width > 1) call hdf5_write_rows(dataset, 1_i8, width, n, &
-                                          reshape(values, [width, n]), err)
-    end if
-    call hdf5_close_dataset(dataset, err)
-  end subroutine build_table
-
   ! ---------------------------------------------------------------- checksums
-
-  subroutine build_checksums(layout, comm, file, err)
-    !! Tables of checksums, and what their columns are of, one name a line.
-    type(result_layout_t), intent(in) :: layout
-    type(communicator_t), intent(in) :: comm
-    integer(hid_t), intent(in) :: file
-    type(error_t), intent(inout) :: err
-    integer(hid_t) :: group, dataset
-    character(len=:), allocatable :: names
-    integer :: k
-
-    call hdf5_create_group(file, 'Checksums', group, err)
-    call hdf5_write_attribute(group, 'scene_text', text_sum(layout%scene_text), err)
-    call hdf5_write_attribute(group, 'scene_echo', text_sum(layout%scene_echo), err)
-    call hdf5_create_dataset(group, 'steps', hdf5_integer, n_first_sum + size(layout%field), &
-                             int(layout%n_step_max, i8), dataset, err)
-    call hdf5_close_dataset(dataset, err)
-    call hdf5_create_dataset(group, 'history', hdf5_integer, 1, layout%history_capacity, &
-                             dataset, err)
-    call hdf5_close_dataset(dataset, err)
-    names = ''
-    associate (summed => summed_names(layout))
-      do k = 1, size(summed)
-        names = names//trim(summed(k))//new_line('a')
-      end do
-    end associate
-    call hdf5_write_text(group, 'step_columns', names, comm%is_root(), err)
-    names = ''
-    do k = 1, size(layout%history)
-      names = names//trim(layout%history(k)%name)//new_line('a')
-    end do
-    call hdf5_write_text(group, 'history_columns', names, comm%is_root(), err)
-    call hdf5_close_group(group, err)
-  end subroutine build_checksums
 
   subroutine grow_row_sums(self, comm, capacity, err)
     !! Moves the checksums of the histories' rows to a larger table, which gets its name when it is
@@ -849,23 +491,6 @@ contains
     self%row_capacity = capacity
   end subroutine grow_row_sums
 
-  pure function summed_names(layout) result(names)
-    !! What the checksums of a step are of.
-    type(result_layout_t), intent(in) :: layout
-    character(len=64), allocatable :: names(:)
-
-    names = [[character(len=64) :: 'place', 'id', 'Points'], layout%field%name]
-  end function summed_names
-
-  pure integer(i8) function text_sum(text) result(value)
-    !! Checksum of a text as the file holds it: an empty one is a blank.
-    character(len=*), intent(in) :: text
-    type(checksum_t) :: checksum
-
-    call checksum%add_text(text//repeat(' ', merge(1, 0, len(text) == 0)))
-    value = checksum%value()
-  end function text_sum
-
   pure integer(i8) function place_sum(time, offset, n_total) result(value)
     !! Checksum of a step's time and of where its points are.
     real(wp), intent(in) :: time                    !! [s]
@@ -876,21 +501,6 @@ contains
     call checksum%add(2, [offset, n_total])
     value = checksum%value()
   end function place_sum
-
-  pure function checksums_of_rows(n_column, n, values) result(sums)
-    !! One checksum a row of the histories.
-    integer, intent(in) :: n_column, n
-    real(wp), intent(in) :: values(:, :)   !! (column, row)
-    integer(i8) :: sums(n)
-    type(checksum_t) :: checksum
-    integer :: k
-
-    do k = 1, n
-      checksum = checksum_t()
-      call checksum%add(n_column, values(:n_column, k))
-      sums(k) = checksum%value()
-    end do
-  end function checksums_of_rows
 
   subroutine write_step_sums(self, comm, step, sums, err)
     type(result_file_t), intent(in) :: self
@@ -1035,44 +645,6 @@ contains
     call combine_checksums(comm, checksum)
     sums = [place_sum(old%time(step), offset, old%count(step)), checksum(sum_ids:)%value()]
   end subroutine sum_step
-
-  subroutine sum_reals(dataset, width, first, last, checksum, err)
-    !! Adds rows of a dataset.
-    integer(hid_t), intent(in) :: dataset
-    integer, intent(in) :: width
-    integer(i8), intent(in) :: first, last
-    type(checksum_t), intent(inout) :: checksum
-    type(error_t), intent(inout) :: err
-    real(wp), allocatable :: buffer(:, :)
-    integer(i8) :: row
-    integer :: m
-
-    allocate (buffer(width, int(min(int(copy_rows, i8), max(0_i8, last - first + 1_i8)))), &
-              source=0.0_wp)
-    do row = first, last, int(copy_rows, i8)
-      m = int(min(int(copy_rows, i8), last - row + 1_i8))
-      call hdf5_read_rows(dataset, row, width, m, buffer, err)
-      call checksum%add_reals(width*m, buffer)
-    end do
-  end subroutine sum_reals
-
-  subroutine sum_integers(dataset, first, last, checksum, err)
-    !! Adds rows of a dataset.
-    integer(hid_t), intent(in) :: dataset
-    integer(i8), intent(in) :: first, last
-    type(checksum_t), intent(inout) :: checksum
-    type(error_t), intent(inout) :: err
-    integer(i8), allocatable :: buffer(:)
-    integer(i8) :: row
-    integer :: m
-
-    allocate (buffer(int(min(int(copy_rows, i8), max(0_i8, last - first + 1_i8)))), source=0_i8)
-    do row = first, last, int(copy_rows, i8)
-      m = int(min(int(copy_rows, i8), last - row + 1_i8))
-      call hdf5_read_rows(dataset, row, m, buffer, err)
-      call checksum%add(m, buffer)
-    end do
-  end subroutine sum_integers
 
   subroutine check_rows(old, err)
     !! Compares the histories with their checksums. Call on root only.
@@ -1254,79 +826,6 @@ contains
     call hdf5_update_attribute(twin%steps, 'NSteps', int(n_step, i8), err)
     twin%n_valid = n_step
   end subroutine fill_twin
-
-  subroutine plan_redistribution(comm, n, id, outgoing, send_count, order, sorted_id)
-    !! Every rank gets an interval of ids; intervals of rising rank, of about equal size.
-    type(communicator_t), intent(in) :: comm
-    integer, intent(in) :: n
-    integer(i8), intent(in) :: id(n)
-    integer, allocatable, intent(out) :: outgoing(:)     !! own points ordered by receiving rank
-    integer, allocatable, intent(out) :: send_count(:)   !! (0:size-1)
-    integer, allocatable, intent(out) :: order(:)        !! arrived points by increasing id
-    integer(i8), allocatable, intent(out) :: sorted_id(:)
-    integer(i8), allocatable :: send(:), arrived(:)
-    integer, allocatable :: next(:), arrived_count(:)
-    integer(i8) :: first_id, last_id, block
-    integer :: i, rank
-
-    first_id = comm%minimum(minval([huge(1_i8), id]))
-    last_id = comm%maximum(maxval([-huge(1_i8), id]))
-    block = 1_i8
-    if (last_id >= first_id) block = (last_id - first_id)/comm%size + 1_i8
-    allocate (send_count(0:comm%size - 1), source=0)
-    allocate (next(0:comm%size - 1), source=1)
-    do i = 1, n
-      rank = int((id(i) - first_id)/block)
-      send_count(rank) = send_count(rank) + 1
-    end do
-    do rank = 1, comm%size - 1
-      next(rank) = next(rank - 1) + send_count(rank - 1)
-    end do
-    allocate (outgoing(n), send(n))
-    do i = 1, n
-      rank = int((id(i) - first_id)/block)
-      outgoing(next(rank)) = i
-      send(next(rank)) = id(i)
-      next(rank) = next(rank) + 1
-    end do
-    call comm%exchange(send, send_count, arrived, arrived_count)
-    allocate (order(size(arrived)), sorted_id(size(arrived)))
-    call sort_permutation(arrived, order)
-    do i = 1, size(arrived)
-      sorted_id(i) = arrived(order(i))
-    end do
-  end subroutine plan_redistribution
-
-  subroutine write_columns(comm, dataset, first_row, width, n, values, outgoing, send_count, &
-                           order, checksum, err)
-    !! Sends the rows of one field to their ranks and writes them there; the values are used up.
-    type(communicator_t), intent(in) :: comm
-    integer(hid_t), intent(in) :: dataset
-    integer(i8), intent(in) :: first_row          !! of this rank in the file
-    integer, intent(in) :: width, n
-    real(wp), allocatable, intent(inout) :: values(:, :)   !! (width, n)
-    integer, intent(in) :: outgoing(n), send_count(0:), order(:)
-    type(checksum_t), intent(inout) :: checksum   !! of what this rank writes
-    type(error_t), intent(inout) :: err
-    real(wp), allocatable :: send(:), arrived(:), sorted(:, :)
-    integer, allocatable :: arrived_count(:)
-    integer :: j
-
-    ! one component after the other, in place where possible: little memory is in flight
-    if (size(order) /= n) allocate (sorted(width, size(order)))
-    do j = 1, width
-      send = values(j, outgoing)
-      call comm%exchange(send, send_count, arrived, arrived_count)
-      if (allocated(sorted)) then
-        sorted(j, :) = arrived(order)
-      else
-        values(j, :) = arrived(order)
-      end if
-    end do
-    if (allocated(sorted)) call move_alloc(sorted, values)
-    call checksum%add_reals(width*size(order), values)
-    call hdf5_write_rows(dataset, first_row, width, size(order), values, err)
-  end subroutine write_columns
 
   ! ---------------------------------------------------------------- an existing file
 
@@ -1545,44 +1044,6 @@ contains
       call write_step_sums(self, comm, step, sums, err)
     end do
   end subroutine copy_sums
-
-  subroutine copy_reals(comm, source, destination, width, n_row, err)
-    !! Copies the first rows of a dataset, every rank its share.
-    type(communicator_t), intent(in) :: comm
-    integer(hid_t), intent(in) :: source, destination
-    integer, intent(in) :: width
-    integer(i8), intent(in) :: n_row
-    type(error_t), intent(inout) :: err
-    real(wp), allocatable :: buffer(:, :)
-    integer(i8) :: first, last, row
-    integer :: m
-
-    call share(n_row, comm%rank, comm%size, first, last)
-    allocate (buffer(width, int(min(int(copy_rows, i8), last - first + 1_i8))))
-    do row = first, last, int(copy_rows, i8)
-      m = int(min(int(copy_rows, i8), last - row + 1_i8))
-      call hdf5_read_rows(source, row, width, m, buffer, err)
-      call hdf5_write_rows(destination, row, width, m, buffer, err)
-    end do
-  end subroutine copy_reals
-
-  subroutine copy_integers(comm, source, destination, n_row, err)
-    type(communicator_t), intent(in) :: comm
-    integer(hid_t), intent(in) :: source, destination
-    integer(i8), intent(in) :: n_row
-    type(error_t), intent(inout) :: err
-    integer(i8), allocatable :: buffer(:)
-    integer(i8) :: first, last, row
-    integer :: m
-
-    call share(n_row, comm%rank, comm%size, first, last)
-    allocate (buffer(int(min(int(copy_rows, i8), last - first + 1_i8))))
-    do row = first, last, int(copy_rows, i8)
-      m = int(min(int(copy_rows, i8), last - row + 1_i8))
-      call hdf5_read_rows(source, row, m, buffer, err)
-      call hdf5_write_rows(destination, row, m, buffer, err)
-    end do
-  end subroutine copy_integers
 
   integer(i8) function n_history_until(old, comm, time, err) result(n_row)
     !! Rows of the histories up to a time (all of them if there is no history 'time').

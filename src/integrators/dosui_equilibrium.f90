@@ -13,7 +13,8 @@ module dosui_equilibrium
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim, nsig
   use dosui_error, only: error_t
-  use dosui_implicit_system, only: add_hourglass_forces, find_empty, implicit_system_t, is_small
+  use dosui_hourglass, only: add_hourglass_forces
+  use dosui_implicit_system, only: find_empty, implicit_system_t, is_small
   use dosui_isotropic_model, only: isotropic_model_t
   use dosui_linear_elastic, only: linear_elastic_t
   use dosui_materials, only: material_set_t

@@ -21,28 +21,21 @@ module dosui_implicit_system
   use dosui_particle_moduli, only: find_moduli_of
   use dosui_pore_water, only: compressibility_at
   use dosui_skeleton_step, only: light_node_mass
-  use dosui_stiffness, only: cell_lists, cell_operators_t, cell_strain_operators, &
-                             hourglass_operators
-  use dosui_text, only: to_text
+  use dosui_stiffness, only: cell_lists, cell_operators_t, hourglass_operators
   use dosui_unknowns, only: unknowns_t
+  use dosui_mean_operators, only: mean_operators, operators_of_cell, means_t
+  use dosui_hourglass, only: elastic_tangent, hourglass_stiffness, part_stiffness, &
+                             find_part_deviations
   implicit none
   private
 
-  public :: add_hourglass_forces, elastic_tangent, find_empty, is_small, surface_gradients
+  public :: find_empty, is_small, surface_gradients
 
   integer, parameter :: direct_limit(3) = [500000, 12000, 4000]   !! unknowns in 1-D, 2-D, 3-D
   integer, parameter, public :: n_system_memory = 3   !! numbers that a checkpoint keeps
   integer, parameter :: last_resort = 20   !! times as many are factorised where iterations fail
-  real(wp), parameter :: hourglass_stiffness = 0.1_wp
   !! of cells with one particle, over their deviatoric stiffness; it acts on increments only [-]
-  real(wp), parameter :: least_part = 0.1003_wp   !! of a cell whose nodes may lead others [-]
   real(wp), parameter :: empty_node = 1.0e-12_wp   !! stiffness of a node over the modulus [-]
-
-  type :: means_t
-    !! Strain operators of the parts' means; not allocated where means come from particles.
-    real(wp), allocatable :: part(:, :, :)   !! (nsig, ndim*2**ndim, n_cell) [1/m]
-    real(wp), allocatable :: lift(:, :, :)   !! likewise, of penalty walls, times volumes [m2]
-  end type means_t
 
   type, public :: implicit_system_t
     type(unknowns_t) :: unknowns
@@ -226,142 +219,6 @@ contains
     end do
   end subroutine find_light
 
-  subroutine mean_operators(model, means)
-    !! Strain operators of the parts' means, and what penalty walls lift. Collective.
-    type(model_t), intent(inout) :: model
-    type(means_t), intent(out) :: means
-    integer :: c, width
-
-    if (.not. model%skeleton%centred) return
-    width = nsig*ndim*2**ndim
-    allocate (means%part(nsig, ndim*2**ndim, model%grid%n_cell))
-    do c = 1, model%grid%n_cell
-      call model%mesh%quadrature%strain_operator(model%grid, c, means%part(:, :, c))
-    end do
-    if (.not. model%skeleton%lifted) return
-    call find_lifts(model, width, means%lift)
-  end subroutine mean_operators
-
-  subroutine find_lifts(model, width, lifts)
-    !! What penalty walls take out of the strains of parts, times their volumes. Collective.
-    type(model_t), intent(inout) :: model
-    integer, intent(in) :: width   !! numbers of a part
-    real(wp), allocatable, intent(out) :: lifts(:, :, :)   !! (nsig, ndim*2**ndim, n_cell) [m2]
-    real(wp), allocatable :: lift(:, :)
-
-    allocate (lift(width, model%grid%n_cell), source=0.0_wp)
-    associate (field => model%surface%field, h => model%s, m => model%surface%count)
-      call model%skeleton%surface_forces%lift_operators(field(h%area)%values(1, 1:m), &
-                                                        field(h%normal)%values(:, 1:m), lift)
-    end associate
-    call model%grid%cell_map%sum_copies(model%comm, width, lift)
-    lifts = reshape(lift, [nsig, ndim*2**ndim, model%grid%n_cell])
-  end subroutine find_lifts
-
-  subroutine mean_of_cell(model, means, cell, node, strain, volume)
-    !! Mean strain of a cell with particles, on the nodes of all parts of its group, lifts included,
-    !! and the volume change that the water sees.
-    type(model_t), intent(in) :: model
-    type(means_t), intent(in) :: means
-    integer, intent(in) :: cell
-    integer, allocatable, intent(out) :: node(:)
-    real(wp), allocatable, intent(out) :: strain(:, :)   !! (nsig, ndim*nodes) [1/m]
-    real(wp), allocatable, intent(out) :: volume(:)      !! (ndim*nodes) [1/m]
-    integer :: k, i, a, c, first, last, column, list(2**ndim)
-    real(wp) :: whole, part(nsig, ndim*2**ndim)
-
-    associate (quadrature => model%mesh%quadrature, corner => model%grid%cell_node)
-      first = quadrature%member_start(quadrature%group(cell))
-      last = quadrature%member_start(quadrature%group(cell) + 1) - 1
-      node = corner(:, cell)
-      do k = first, last
-        c = quadrature%member(k)
-        list = corner(:, c)
-        do i = 1, 2**ndim
-          if (.not. any(node == list(i))) node = [node, list(i)]
-        end do
-      end do
-      whole = sum(quadrature%part(quadrature%member(first:last)))
-      allocate (strain(nsig, ndim*size(node)), volume(ndim*size(node)), source=0.0_wp)
-      do k = first, last
-        c = quadrature%member(k)
-        list = [(findloc(node, corner(i, c), dim=1), i=1, 2**ndim)]
-        part = 0.0_wp
-        if (allocated(means%lift)) part = means%lift(:, :, c)/whole
-        do i = 1, 2**ndim
-          do a = 1, ndim
-            column = ndim*(list(i) - 1) + a
-            associate (own => means%part(:, ndim*(i - 1) + a, c), &
-                       lifted => part(:, ndim*(i - 1) + a))
-              strain(:, column) = strain(:, column) + lifted
-              if (quadrature%host(c) == cell) strain(:, column) = strain(:, column) + &
-                                                                  quadrature%share(c)*own
-              volume(column) = volume(column) + trace_of(lifted) + &
-                               quadrature%part(c)/whole*trace_of(own)
-            end associate
-          end do
-        end do
-      end do
-    end associate
-  end subroutine mean_of_cell
-
-  pure real(wp) function trace_of(strain) result(trace)
-    !! Volume strain over the scene's directions.
-    real(wp), intent(in) :: strain(nsig)
-    integer :: a
-
-    trace = 0.0_wp
-    do a = 1, n_volume
-      trace = trace + strain(volume_slot(a))
-    end do
-  end function trace_of
-
-  subroutine operators_of_cell(model, cell, particle, means, operators)
-    !! Strain operators of a cell's particles.
-    type(model_t), intent(in) :: model
-    integer, intent(in) :: cell, particle(:)
-    type(means_t), intent(in) :: means
-    type(cell_operators_t), intent(inout) :: operators
-    real(wp), allocatable :: strain(:, :), volume(:)   ! of the cell's mean, if it has one
-    integer, allocatable :: node(:)
-
-    if (allocated(means%part)) then
-      if (model%mesh%quadrature%exact .and. .not. model%mesh%quadrature%fitted) then
-        call mean_of_cell(model, means, cell, node, strain, volume)
-        if (model%finite) deallocate (volume)   ! it is that of the deformed cell
-      else
-        strain = means%part(:, :, cell)
-        if (allocated(means%lift) .and. model%mesh%quadrature%measure(cell) > 0.0_wp) then
-          strain = strain + means%lift(:, :, cell)/model%mesh%quadrature%measure(cell)
-        end if
-      end if
-    end if
-    if (model%finite .and. allocated(strain)) then
-      associate (field => model%particles%field)
-        call cell_strain_operators(model%grid, cell, model%mesh%patch(particle), &
-                                   field(model%p%position)%values(:, particle), &
-                                   model%skeleton%own_volume(particle), &
-                                   model%skeleton%averaged, operators, &
-                                   centre=strain, &
-                                   inverse=model%skeleton%inverse_deformation(:, :, particle), &
-                                   reference=field(model%p%reference_volume)%values(1, particle), &
-                                   mean_node=node)
-      end associate
-    else if (model%finite) then
-      call cell_strain_operators(model%grid, cell, model%mesh%patch(particle), &
-                                 model%particles%field(model%p%position)%values(:, particle), &
-                                 model%skeleton%own_volume(particle), model%skeleton%averaged, &
-                                 operators, &
-                                 inverse=model%skeleton%inverse_deformation(:, :, particle))
-    else
-      call cell_strain_operators(model%grid, cell, model%mesh%patch(particle), &
-                                 model%particles%field(model%p%position)%values(:, particle), &
-                                 model%mesh%weight(particle), model%skeleton%averaged, operators, &
-                                 centre=strain, mean_node=node, mean_volume=volume, &
-                                 particle=particle)
-    end if
-  end subroutine operators_of_cell
-
   subroutine build_skeleton(self, model, skeleton, pressure_force, volume_change)
     !! Entries of K (or of the inertia), -Q and VPD, cell by cell, and of penalty walls.
     class(implicit_system_t), intent(inout) :: self
@@ -495,25 +352,6 @@ contains
       end do
     end do
   end subroutine add_matrix
-
-  subroutine elastic_tangent(model, p, tangent)
-    !! Elastic stiffness of a particle [Pa].
-    type(model_t), intent(in) :: model
-    integer, intent(in) :: p
-    real(wp), intent(out) :: tangent(nsig, nsig)   !! for 2 x shear strains [Pa]
-
-    associate (field => model%particles%field, h => model%p, &
-               material => model%materials%item(model%material(p))%model)
-      if (h%state > 0) then
-        call material%tangent(field(h%effective_stress)%values(:, p), &
-                              field(h%state)%values(:, p), tangent)
-      else
-        call material%tangent(field(h%effective_stress)%values(:, p), &
-                              model%skeleton%no_state(:, p), &
-                              tangent)
-      end if
-    end associate
-  end subroutine elastic_tangent
 
   subroutine add_geometric(model, operators, particle, matrix)
     !! What stresses and pressures of finite strains add to a cell's stiffness. With averaged
@@ -1178,114 +1016,6 @@ contains
       end associate
     end do
   end subroutine implicit_stored_by_projection
-
-  subroutine add_hourglass_forces(model, motion, force)
-    !! Adds the forces by which cells with one particle resist hourglass modes of a motion, and
-    !! cells without particle deviations from the mean strain that they share. Collective.
-    type(model_t), intent(inout) :: model
-    real(wp), intent(in) :: motion(:, :)       !! (ndim, n_node) [m]
-    real(wp), intent(inout) :: force(:, :)     !! (ndim, n_node), complete [N]
-    real(wp) :: hourglass(nsig, ndim*2**ndim, 2**ndim), tangent(nsig, nsig), share(2**ndim)
-    real(wp), allocatable :: internal(:, :), deviation(:, :, :), volume(:)
-    integer, allocatable :: start(:), particle(:), node(:)
-    integer :: c, k
-
-    if (.not. (model%skeleton%centred .or. model%finite)) return
-    call cell_lists(model%particles%count, model%mesh%cell, model%grid%n_cell, start, particle)
-    call hourglass_operators(model%grid%spacing, hourglass)
-    allocate (internal(ndim, model%grid%n_node), source=0.0_wp)
-    do c = 1, model%grid%n_cell
-      if (start(c + 1) == start(c)) cycle
-      k = particle(start(c))
-      call elastic_tangent(model, k, tangent)
-      if (start(c + 1) - start(c) == 1) then
-        share = hourglass_stiffness/2**ndim*model%mesh%weight(k)
-        call resist(model%grid%cell_node(:, c), hourglass, share)
-      end if
-      call find_part_deviations(model, c, node, deviation, volume)
-      if (size(volume) > 0) call resist(node, deviation, part_stiffness(model)*volume)
-    end do
-    call model%grid%node_map%sum_copies(model%comm, ndim, internal)
-    force = force + internal
-
-  contains
-
-    subroutine resist(nodes, operators, volumes)
-      !! Forces against the elastic stresses of strains.
-      integer, intent(in) :: nodes(:)
-      real(wp), intent(in) :: operators(:, :, :)   !! (nsig, ndim*nodes, points) [1/m]
-      real(wp), intent(in) :: volumes(:)           !! (points) [m3]
-      real(wp) :: way(ndim*size(nodes)), resistance(ndim*size(nodes))
-      integer :: p
-
-      way = reshape(motion(:, nodes), [size(way)])
-      resistance = 0.0_wp
-      do p = 1, size(volumes)
-        resistance = resistance + volumes(p)*matmul(matmul(tangent, &
-                                                           matmul(operators(:, :, p), way)), &
-                                                    operators(:, :, p))
-      end do
-      internal(:, nodes) = internal(:, nodes) - reshape(resistance, [ndim, size(nodes)])
-    end subroutine resist
-  end subroutine add_hourglass_forces
-
-  pure real(wp) function part_stiffness(model) result(factor)
-    !! Of deviations within cells that share one strain, over the elastic one: all of it where
-    !! nothing yields [-].
-    type(model_t), intent(in) :: model
-
-    factor = merge(hourglass_stiffness, 1.0_wp, model%materials%is_nonlinear())
-  end function part_stiffness
-
-  subroutine find_part_deviations(model, cell, node, deviation, volume)
-    !! Strain operators of the parts that share the mean strain of a cell's particles, less this
-    !! mean, if one of them is more than a sliver without particle: its nodes do not follow others,
-    !! and rows of such cells could move through the body without any mean strain.
-    type(model_t), intent(in) :: model
-    integer, intent(in) :: cell                               !! with particles
-    integer, allocatable, intent(out) :: node(:)
-    real(wp), allocatable, intent(out) :: deviation(:, :, :)  !! (nsig, ndim*nodes, parts) [1/m]
-    real(wp), allocatable, intent(out) :: volume(:)           !! (parts), none: no such cell [m3]
-    integer, allocatable :: member(:)
-    real(wp), allocatable :: mean(:, :)
-    real(wp) :: part(nsig, ndim*2**ndim)
-    integer :: a, c, i, k, column
-
-    allocate (volume(0))
-    if (.not. (model%mesh%quadrature%exact .and. &
-               model%skeleton%centred) .or. model%mesh%quadrature%fitted) return
-    associate (quadrature => model%mesh%quadrature, corner => model%grid%cell_node)
-      k = quadrature%group(cell)
-      member = quadrature%member(quadrature%member_start(k):quadrature%member_start(k + 1) - 1)
-      member = pack(member, quadrature%host(member) == cell)
-      if (.not. any(quadrature%is_unseen(model%grid, member, least_part))) return
-      allocate (node(0))
-      do k = 1, size(member)
-        do i = 1, 2**ndim
-          if (.not. any(node == corner(i, member(k)))) node = [node, corner(i, member(k))]
-        end do
-      end do
-      volume = quadrature%part(member)
-      allocate (deviation(nsig, ndim*size(node), size(member)), source=0.0_wp)
-      do k = 1, size(member)
-        c = member(k)
-        call quadrature%strain_operator(model%grid, c, part)
-        do i = 1, 2**ndim
-          do a = 1, ndim
-            column = ndim*(findloc(node, corner(i, c), dim=1) - 1) + a
-            deviation(:, column, k) = part(:, ndim*(i - 1) + a)
-          end do
-        end do
-      end do
-    end associate
-    allocate (mean(nsig, ndim*size(node)), source=0.0_wp)
-    do k = 1, size(member)
-      mean = mean + volume(k)/sum(volume)*deviation(:, :, k)
-    end do
-    do k = 1, size(member)
-      deviation(:, :, k) = deviation(:, :, k) - mean
-    end do
-  end subroutine find_part_deviations
 
   subroutine implicit_solve(self, model, flow_weight, force, time, prescribed, has_prescribed, &
                             supply, tolerance, is_guess, motion, pressure, err, without_loads)

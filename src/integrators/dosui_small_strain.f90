@@ -5,7 +5,8 @@ module dosui_small_strain
   use dosui_dimension, only: ndim
   use dosui_error, only: error_t
   use dosui_formulation, only: formulation_t, missing_in_place, stage_data_t
-  use dosui_implicit_system, only: add_hourglass_forces, implicit_system_t
+  use dosui_hourglass, only: add_hourglass_forces
+  use dosui_implicit_system, only: implicit_system_t
   use dosui_model, only: model_t
   use dosui_pore_water, only: mean_saturation
   use dosui_skeleton_step, only: gather_forces, update_particles, zero_velocities

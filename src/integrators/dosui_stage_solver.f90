@@ -6,7 +6,8 @@ module dosui_stage_solver
   use dosui_dimension, only: nsig
   use dosui_error, only: error_t
   use dosui_formulation, only: formulation_t, stage_data_t
-  use dosui_implicit_system, only: elastic_tangent, implicit_system_t
+  use dosui_hourglass, only: elastic_tangent
+  use dosui_implicit_system, only: implicit_system_t
   use dosui_model, only: model_t
   use dosui_pore_water, only: add_pressure
   use dosui_rigid_skeleton, only: rigid_skeleton_t

@@ -12,8 +12,8 @@ module dosui_total_lagrangian
   use dosui_finite_strain, only: carried_area, deform, elastic_strain, elastic_trial, invert, &
                                  rate_of_logarithm
   use dosui_formulation, only: formulation_t, stage_data_t
-  use dosui_implicit_system, only: add_hourglass_forces, elastic_tangent, implicit_system_t, &
-                                   surface_gradients
+  use dosui_hourglass, only: add_hourglass_forces, elastic_tangent
+  use dosui_implicit_system, only: implicit_system_t, surface_gradients
   use dosui_model, only: model_t
   use dosui_pore_water, only: content_change, mean_saturation, saturation_at
   use dosui_skeleton_step, only: gather_loads

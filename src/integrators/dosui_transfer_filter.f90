@@ -8,7 +8,7 @@
 module dosui_transfer_filter
   use dosui_kinds, only: wp
   use dosui_dimension, only: nsig
-  use dosui_implicit_system, only: elastic_tangent
+  use dosui_hourglass, only: elastic_tangent
   use dosui_model, only: model_t
   implicit none
   private

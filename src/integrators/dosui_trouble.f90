@@ -3,7 +3,7 @@ module dosui_trouble
   use dosui_kinds, only: wp
   use dosui_dimension, only: ndim, nsig
   use dosui_error, only: error_t
-  use dosui_implicit_system, only: elastic_tangent
+  use dosui_hourglass, only: elastic_tangent
   use dosui_model, only: model_t
   use dosui_scene, only: name_length
   use dosui_state_check, only: place_of

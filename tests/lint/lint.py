@@ -36,15 +36,16 @@ LINE_LENGTH = 100
 MAY_USE = {
     "base": "",
     "dimension": "base",
+    "geometry": "base",
     "parallel": "base",
-    "material": "base dimension",
+    "material": "base dimension geometry",
     "grid": "base dimension parallel",
-    "particles": "base dimension parallel material grid",
+    "particles": "base dimension geometry parallel material grid",
     "mechanics": "base dimension parallel material grid particles",
     "hydraulics": "base dimension parallel material grid particles",
     "solvers": "base parallel",
     "integrators": "base dimension parallel material grid particles mechanics hydraulics solvers",
-    "io": "base dimension parallel material grid particles solvers",
+    "io": "base dimension geometry parallel material grid particles solvers",
     "app": "base dimension parallel material grid particles mechanics hydraulics solvers"
     " integrators io",
 }

@@ -40,7 +40,8 @@ module dosui_nodal_extension
   use dosui_index_map, only: index_map_t
   use dosui_keys, only: unpack_key
   use dosui_sort, only: binary_search, sort_permutation
-  use dosui_nodal_fits, only: look_around, find_well_posed, find_fits, node_table_t, fit_t
+  use dosui_nodal_fits, only: look_around, find_well_posed, find_fits, share_boxes, send_keys, &
+                              node_table_t, fit_t
   implicit none
   private
 

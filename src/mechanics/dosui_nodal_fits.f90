@@ -10,7 +10,7 @@ module dosui_nodal_fits
   implicit none
   private
 
-  public :: look_around, find_well_posed, find_fits
+  public :: look_around, find_well_posed, find_fits, share_boxes, send_keys
 
   ! Odd numbers, so that round-off does not decide about lattices. Larger shares make longer steps
   ! in 3-D (0.80 instead of 0.66 h/c with 8 particles a cell), not in 2-D.

@@ -453,23 +453,28 @@ contains
     end if
   end subroutine grid_weigh
 
-  subroutine grid_find_ends(self, comm, n, cell, position, margin)
+  subroutine grid_find_ends(self, comm, n, cell, position, margin, barred)
     !! Finds the patches on whose one side all cells are empty, and stay so while particles move by
     !! no more than the margin: weights of a folded patch that a particle has moved through are
-    !! negative. Collective.
+    !! negative. None moves through a plane of nodes that walls at rest hold. Collective.
     class(grid_t), intent(inout) :: self
     type(communicator_t), intent(in) :: comm
     integer, intent(in) :: n
     integer, intent(in) :: cell(n)           !! of the particles
     real(wp), intent(in) :: position(ndim, n)   !! [m]
     real(wp), intent(in) :: margin           !! [m]
+    logical, intent(in), optional :: barred(:, :)
+    !! (ndim, n_node) components that walls at rest hold, across themselves
     real(wp) :: local(ndim)
     real(wp), allocatable :: occupied(:, :)  ! cells below and above each node, per direction
+    real(wp), allocatable :: entered(:, :)   ! likewise cells that particles may enter
+    logical, allocatable :: is_open(:)       ! particles may pass the node in one direction
+    integer, allocatable :: plane(:)         ! nodes of a patch beside its centre, likewise
     integer :: p, c, d, k, centre
-    logical :: below, above
+    logical :: below, above, open
 
     if (self%width == 2) return
-    allocate (occupied(2*ndim, self%n_node), source=0.0_wp)
+    allocate (occupied(2*ndim, self%n_node), entered(2*ndim, self%n_node), source=0.0_wp)
     do p = 1, n
       if (cell(p) == 0) cycle
       local = (position(:, p) - self%origin)/self%spacing - self%cell_base(:, cell(p))
@@ -479,20 +484,37 @@ contains
           occupied(k, self%cell_node(c, cell(p))) = 1.0_wp
           if (.not. margin > 0.0_wp) cycle
           if (merge(1.0_wp - local(d), local(d), btest(c - 1, d - 1))*self%spacing > margin) cycle
-          occupied(4*d - 1 - k, self%cell_node(c, cell(p))) = 1.0_wp   ! the other side
+          entered(4*d - 1 - k, self%cell_node(c, cell(p))) = 1.0_wp   ! the other side
         end do
       end do
     end do
     call self%node_map%sum_copies(comm, 2*ndim, occupied)
+    call self%node_map%sum_copies(comm, 2*ndim, entered)
     centre = (self%width**ndim + 1)/2
-    do p = 1, self%n_patch
-      do d = 1, ndim
-        below = occupied(2*d - 1, self%patch_node(centre, p)) > 0.5_wp
-        above = occupied(2*d, self%patch_node(centre, p)) > 0.5_wp
+    do d = 1, ndim
+      is_open = any(occupied > 0.5_wp, dim=1)
+      if (present(barred)) is_open = is_open .and. .not. barred(d, :)
+      plane = pack([(k, k=1, self%width**ndim)], &
+                   [(mod((k - 1)/self%width**(d - 1), self%width) == self%width/2, &
+                     k=1, self%width**ndim)])
+      do p = 1, self%n_patch
+        open = any(is_open(self%patch_node(plane, p)))
+        below = is_taken(2*d - 1)
+        above = is_taken(2*d)
         self%patch_fold(d, p) = merge(1, 0, below .and. .not. above) - &
                                 merge(1, 0, above .and. .not. below)
       end do
     end do
+
+  contains
+
+    pure logical function is_taken(side)
+      !! Are there particles on this side of the patch's centre, or may there be?
+      integer, intent(in) :: side
+
+      is_taken = occupied(side, self%patch_node(centre, p)) > 0.5_wp .or. &
+                 (open .and. entered(side, self%patch_node(centre, p)) > 0.5_wp)
+    end function is_taken
   end subroutine grid_find_ends
 
   pure subroutine locate_bases(n, position, origin, spacing, shift, n_base, base, key, found, &

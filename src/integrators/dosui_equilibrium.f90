@@ -410,8 +410,7 @@ contains
     do i = 1, model%grid%n_node
       if (.not. model%grid%node_map%is_owned(i)) cycle
       if (.not. model%skeleton%nodal(1, i) > light_node_mass(model)) cycle
-      product = product + sum(model%skeleton%nodal(2 + ndim:, &
-                                   i)**2)/max(model%skeleton%nodal(1, i), model%skeleton%inertia(i))
+      product = product + sum(model%skeleton%nodal(2 + ndim:, i)**2)/node_inertia(model, i)
     end do
     product = model%comm%sum(product)
   end function force_product
@@ -583,7 +582,7 @@ contains
     sums = 0.0_wp
     do i = 1, model%grid%n_node
       if (.not. model%grid%node_map%is_owned(i)) cycle
-      square = max(model%skeleton%nodal(1, i), model%skeleton%inertia(i))*sum(motion(:, i)**2)
+      square = node_inertia(model, i)*sum(motion(:, i)**2)
       centre = model%grid%origin + model%grid%spacing*real(model%grid%node_index(:, i), wp)
       sums = sums + square*[1.0_wp, centre]
     end do
@@ -654,9 +653,18 @@ contains
     product = 0.0_wp
     do i = 1, model%grid%n_node
       if (.not. model%grid%node_map%is_owned(i)) cycle
-      product = product + max(model%skeleton%nodal(1, i), &
-                              model%skeleton%inertia(i))*dot_product(a(:, i), b(:, i))
+      product = product + node_inertia(model, i)*dot_product(a(:, i), b(:, i))
     end do
     product = model%comm%sum(product)
   end function mass_product
+
+  pure real(wp) function node_inertia(model, i) result(inertia)
+    !! What `nodal_accelerations` accelerates a node with [kg]: only in this product are they the
+    !! gradient of the energy. Nodes that follow others, and those that lead, have their mass alone.
+    type(model_t), intent(in) :: model
+    integer, intent(in) :: i   !! node
+
+    inertia = model%skeleton%nodal(1, i)
+    if (.not. model%mesh%extension%is_on) inertia = max(inertia, model%skeleton%inertia(i))
+  end function node_inertia
 end module dosui_equilibrium

@@ -19,6 +19,8 @@ module dosui_small_strain
     real(wp), allocatable :: stress(:, :)                 !! effective [Pa]
     real(wp), allocatable :: state(:, :)                  !! of the materials [units of the states]
     real(wp), allocatable :: surface_displacement(:, :)   !! of the surface points [m]
+    real(wp), allocatable :: volume(:, :)     !! of the particles, where these follow strains [m3]
+    real(wp), allocatable :: porosity(:, :)   !! likewise [-]
   contains
     procedure :: linearise => small_linearise
     procedure :: take_start => small_take_start
@@ -54,6 +56,10 @@ contains
       self%displacement = field(h%displacement)%values(:, 1:n)
       self%stress = field(h%effective_stress)%values(:, 1:n)
       if (h%state > 0) self%state = field(h%state)%values(:, 1:n)
+      if (model%updated) then
+        self%volume = field(h%volume)%values(:, 1:n)
+        self%porosity = field(h%porosity)%values(:, 1:n)
+      end if
     end associate
     associate (m => model%surface%count)
       self%surface_displacement = model%surface%field(model%s%displacement)%values(:, 1:m)
@@ -71,6 +77,10 @@ contains
       field(h%displacement)%values(:, 1:n) = self%displacement
       field(h%effective_stress)%values(:, 1:n) = self%stress
       if (h%state > 0) field(h%state)%values(:, 1:n) = self%state
+      if (model%updated) then   ! starts of scenes whose particles move: trials do not add up
+        field(h%volume)%values(:, 1:n) = self%volume
+        field(h%porosity)%values(:, 1:n) = self%porosity
+      end if
     end associate
     associate (m => model%surface%count)
       model%surface%field(model%s%displacement)%values(:, 1:m) = self%surface_displacement

@@ -454,7 +454,7 @@ contains
     real(wp), allocatable :: nodal(:, :), held(:, :), edge(:, :, :)
     integer, allocatable :: patch(:), cell(:)
     logical, allocatable :: at_points(:, :)   ! conditions whose forces surface points spread
-    logical, allocatable :: is_filled(:)
+    logical, allocatable :: is_filled(:), is_barred(:, :)
     integer :: n, m, n_lost, surface_handle
 
     n = model%particles%count
@@ -462,10 +462,14 @@ contains
     surface_handle = model%s%build_position
     allocate (patch(n), cell(n), source=0)
     call model%grid%locate(n, model%particles%field(handle)%values(:, 1:n), patch, cell, n_lost)
-    call model%grid%find_ends(model%comm, n, cell, model%particles%field(handle)%values(:, 1:n), &
-                              moving_margin(model))
-    if (model%skeleton%centred) call build_quadrature(model, handle, surface_handle, cell)
     call choose_imposition(model, surface_handle)
+    if (model%updated) then
+      call hold_nodes_of_points(model, surface_handle)
+      is_barred = model%skeleton%nodal_conditions%bars(model%grid%n_node)
+    end if
+    call model%grid%find_ends(model%comm, n, cell, model%particles%field(handle)%values(:, 1:n), &
+                              moving_margin(model), is_barred)
+    if (model%skeleton%centred) call build_quadrature(model, handle, surface_handle, cell)
     associate (field => model%surface%field, h => model%s)
       allocate (nodal(1 + 2*ndim, model%grid%n_node))
       call particles_to_grid(model%grid, n, patch, model%particles%field(handle)%values, &
@@ -496,17 +500,28 @@ contains
                                               at_points, is_filled, held, edge)
       if (model%mesh%quadrature%exact .and. .not. model%mesh%quadrature%fitted) then
         call hold_nodes_of_parts(model)
-      else
-        call model%skeleton%nodal_conditions%init(model%comm, model%scene%mechanical_condition, &
-                                                  model%grid, m, model%mesh%surface_cell, &
-                                                  field(surface_handle)%values(:, 1:m), &
-                                            field(h%normal)%values(:, 1:m), model%skeleton%on_nodes)
+      else if (.not. model%updated) then
+        call hold_nodes_of_points(model, surface_handle)
       end if
     end associate
     if (model%updated) call build_moving_loads(model, surface_handle, cell)
     model%skeleton%lifted = model%skeleton%centred .and. &
                             model%comm%any(model%skeleton%surface_forces%has_lifts())
   end subroutine build_conditions
+
+  subroutine hold_nodes_of_points(model, handle)
+    !! Conditions on nodes beside surface points. Collective.
+    type(model_t), intent(inout) :: model
+    integer, intent(in) :: handle   !! positions of the surface points
+
+    associate (field => model%surface%field, m => model%surface%count)
+      call model%skeleton%nodal_conditions%init(model%comm, model%scene%mechanical_condition, &
+                                                model%grid, m, model%mesh%surface_cell, &
+                                                field(handle)%values(:, 1:m), &
+                                                field(model%s%normal)%values(:, 1:m), &
+                                                model%skeleton%on_nodes)
+    end associate
+  end subroutine hold_nodes_of_points
 
   subroutine hold_nodes_of_parts(model)
     !! Conditions on nodes where pieces of surface are cut by the cells: the part in each cell holds

@@ -37,6 +37,7 @@ module dosui_nodal_conditions
     procedure :: prescribe => nodal_conditions_prescribe
     procedure :: way => nodal_conditions_way
     procedure :: holders => nodal_conditions_holders
+    procedure :: bars => nodal_conditions_bars
   end type nodal_conditions_t
 
 contains
@@ -282,4 +283,18 @@ contains
       rests = self%wall(self%condition(constraint))%rests(self%direction(constraint))
     end function rests
   end subroutine nodal_conditions_holders
+
+  pure function nodal_conditions_bars(self, n_node) result(is_barred)
+    !! Components of the nodes that walls at rest hold across themselves.
+    class(nodal_conditions_t), intent(in) :: self
+    integer, intent(in) :: n_node
+    logical :: is_barred(ndim, n_node)
+    integer :: k
+
+    is_barred = .false.
+    do k = 1, self%n_constraint
+      if (.not. (self%faces(k) .and. self%wall(self%condition(k))%rests(self%direction(k)))) cycle
+      is_barred(self%direction(k), self%node(k)) = .true.
+    end do
+  end function nodal_conditions_bars
 end module dosui_nodal_conditions

@@ -35,6 +35,7 @@ module dosui_equilibrium
   real(wp), parameter :: noise = 1.0e-14_wp           !! residual over unbalanced stresses [-]
   real(wp), parameter :: near_round_off = 1.0e-11_wp  !! over both, where progress may end [-]
   integer, parameter :: patience = 200                !! iterations without progress there
+  integer, parameter :: least_patience = 5000         !! likewise anywhere, or one per unknown
   real(wp), parameter :: acceptable = 1.0e-8_wp       !! at the end, or it is an error [-]
 
   integer, parameter :: correction_limit = 3000        !! initial-stress iterations
@@ -166,8 +167,7 @@ contains
       call take_strains(model, elastic, stress, err)
     end do
     if (present(remains)) then
-      remains = to_text(100.0_wp*norm/scale%loads, 2)//' % of the loads are not carried, '// &
-                'around '//vector_text(centre_of(model, residual) + model%scene%local_origin)//' m'
+      remains = describe_rest(model, residual, norm, scale)
     end if
   end subroutine relax_soils
 
@@ -289,8 +289,7 @@ contains
     model%relaxing = .false.
     if (err%failed()) return
     if (.not. norm <= max(max(acceptable, reduction)*scale%loads, small)) then
-      call err%set('the start found no equilibrium: a residual of '// &
-                   to_text(norm/scale%loads)//' of the loads is left')
+      call err%set('the start found no equilibrium: '//describe_rest(model, residual, norm, scale))
     end if
   end subroutine relax
 
@@ -429,8 +428,9 @@ contains
     type(error_t), intent(inout) :: err
     real(wp), allocatable :: direction(:, :), trial(:, :), motion(:, :)
     real(wp) :: square, new_square, best_square, curvature, length, trial_length, norm, way_square
-    integer :: n_idle
+    integer :: n_idle, n_hopeless
 
+    n_hopeless = max(least_patience, count_moving(model, residual))
     allocate (direction, source=residual)
     allocate (motion, mold=residual)
     allocate (trial, mold=residual)
@@ -469,9 +469,9 @@ contains
       else if (n_idle > patience .and. new_square <= small_norm**2) then
         exit
       end if
-      if (n_iteration >= iteration_limit) then
+      if (n_iteration >= iteration_limit .or. n_idle > n_hopeless) then
         call err%set('the start found no equilibrium in '//to_text(n_iteration)// &
-                     ' iterations')
+                     ' iterations: '//describe_rest(model, residual, sqrt(best_square), scale))
         return
       end if
       direction = residual + (new_square/square)*direction
@@ -544,6 +544,31 @@ contains
     call model%comm%sum_array(sums)
     strain = sqrt(sums(1)/sums(2))
   end function strain_size
+
+  integer function count_moving(model, motion) result(n)
+    !! Components of a nodal field that are not zero. Collective.
+    type(model_t), intent(in) :: model
+    real(wp), intent(in) :: motion(:, :)   !! (ndim, n_node)
+    integer :: i
+
+    n = 0
+    do i = 1, model%grid%n_node
+      if (model%grid%node_map%is_owned(i)) n = n + count(abs(motion(:, i)) > 0.0_wp)
+    end do
+    n = model%comm%sum(n)
+  end function count_moving
+
+  function describe_rest(model, residual, norm, scale) result(text)
+    !! How much of the loads is not carried, and where. Collective.
+    type(model_t), intent(in) :: model
+    real(wp), intent(in) :: residual(:, :)      !! accelerations of the nodes [m/s2]
+    real(wp), intent(in) :: norm                !! of them in the masses [kg**(1/2) m/s2]
+    type(load_scale_t), intent(in) :: scale
+    character(len=:), allocatable :: text
+
+    text = to_text(100.0_wp*norm/scale%loads, 2)//' % of the loads are not carried, '// &
+           'around '//vector_text(centre_of(model, residual) + model%scene%local_origin)//' m'
+  end function describe_rest
 
   function describe_mechanism(model, motion, is_rigid) result(text)
     !! Where a motion without resistance is, and where it goes. Collective.

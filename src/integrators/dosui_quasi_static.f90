@@ -118,8 +118,10 @@ contains
       if (err%failed()) return
       failure = error_t()
       model%relaxing = .true.
+      self%solver%is_start = .true.
       call self%solver%solve(model, model%clock%time, 0.0_wp, before, .false., motion, pressure, &
                              failure)
+      self%solver%is_start = .false.
       model%relaxing = .false.
       if (.not. failure%failed()) exit
       call self%solver%go_back(model, err)

@@ -21,7 +21,8 @@ module dosui_stage_solver
   implicit none
   private
 
-  integer, parameter :: newton_limit = 25             !! iterations of one stage
+  integer, parameter :: newton_limit = 25             !! iterations of one stage ...
+  integer, parameter :: start_limit = 100             !! ... of a start, which has no smaller step
   integer, parameter :: halvings = 10                 !! of an iteration that would crush a particle
   real(wp), parameter :: newton_tolerance = 1.0e-8_wp   !! last increments over all [-]
   real(wp), parameter :: kink_tolerance = 1.0e-7_wp   !! likewise of small strains, with kinks [-]
@@ -34,6 +35,7 @@ module dosui_stage_solver
     type(implicit_system_t) :: system
     class(formulation_t), allocatable :: formulation
     integer :: n_newton = 0               !! iterations so far
+    logical :: is_start = .false.         !! an equilibrium is sought that no step leads to
     real(wp) :: stiffening = 0.0_wp       !! share of elasticity in tangents [-]
     character(len=:), allocatable :: trouble   !! where the last stage without solution had it
     logical, private :: is_moved = .false.     !! the state is not that of the step's start
@@ -226,7 +228,7 @@ contains
     call self%formulation%move_to(model, motion, err)
     call evaluate(self, model, stage, motion, pressure, err)
     n_idle = 0
-    do k = 1, newton_limit
+    do k = 1, merge(start_limit, newton_limit, self%is_start)
       if (err%failed()) return
       call find_increment(self, model, stage, pressure, err)
       if (err%failed()) exit

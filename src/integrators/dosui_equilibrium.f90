@@ -167,7 +167,8 @@ contains
       call take_strains(model, elastic, stress, err)
     end do
     if (present(remains)) then
-      remains = describe_rest(model, residual, norm, scale)
+      remains = to_text(100.0_wp*norm/scale%loads, 2)//' % of the loads are not carried, '// &
+                'around '//vector_text(centre_of(model, residual) + model%scene%local_origin)//' m'
     end if
   end subroutine relax_soils
 
@@ -289,7 +290,8 @@ contains
     model%relaxing = .false.
     if (err%failed()) return
     if (.not. norm <= max(max(acceptable, reduction)*scale%loads, small)) then
-      call err%set('the start found no equilibrium: '//describe_rest(model, residual, norm, scale))
+      call err%set('the start found no equilibrium: a residual of '// &
+                   to_text(norm/scale%loads)//' of the loads is left')
     end if
   end subroutine relax
 
@@ -471,7 +473,9 @@ contains
       end if
       if (n_iteration >= iteration_limit .or. n_idle > n_hopeless) then
         call err%set('the start found no equilibrium in '//to_text(n_iteration)// &
-                     ' iterations: '//describe_rest(model, residual, sqrt(best_square), scale))
+                     ' iterations: the residual is '//to_text(sqrt(best_square)/scale%loads, 2)// &
+                     ' of the loads at best, now around '// &
+                     vector_text(centre_of(model, residual) + model%scene%local_origin)//' m')
         return
       end if
       direction = residual + (new_square/square)*direction
@@ -557,18 +561,6 @@ contains
     end do
     n = model%comm%sum(n)
   end function count_moving
-
-  function describe_rest(model, residual, norm, scale) result(text)
-    !! How much of the loads is not carried, and where. Collective.
-    type(model_t), intent(in) :: model
-    real(wp), intent(in) :: residual(:, :)      !! accelerations of the nodes [m/s2]
-    real(wp), intent(in) :: norm                !! of them in the masses [kg**(1/2) m/s2]
-    type(load_scale_t), intent(in) :: scale
-    character(len=:), allocatable :: text
-
-    text = to_text(100.0_wp*norm/scale%loads, 2)//' % of the loads are not carried, '// &
-           'around '//vector_text(centre_of(model, residual) + model%scene%local_origin)//' m'
-  end function describe_rest
 
   function describe_mechanism(model, motion, is_rigid) result(text)
     !! Where a motion without resistance is, and where it goes. Collective.

@@ -26,6 +26,7 @@ contains
     real(wp) :: holds, fails, factor
     logical, allocatable :: has_strength(:), is_kept(:)   ! of the materials
     integer :: n_iteration, m
+    character(len=:), allocatable :: remains   ! how much is not carried: said by the factor
     logical :: stands
 
     associate (soil => model%materials%item)
@@ -53,7 +54,7 @@ contains
       model%particles = particles
       model%surface = surface
       n_iteration = 0
-      call find_geostatic_equilibrium(model, n_iteration, stands, err)
+      call find_geostatic_equilibrium(model, n_iteration, stands, err, remains)
       if (err%failed()) return
       call model%log%info('strength / '//factor_text(factor)//merge(' holds', ' fails', stands)// &
                           ' ('//to_text(n_iteration)//' iterations)')

@@ -77,8 +77,7 @@ contains
     integer, intent(inout) :: n_iteration      !! in all
     logical, intent(out) :: stands             !! false: soils cannot carry the loads
     type(error_t), intent(inout) :: err
-    character(len=:), allocatable, intent(out), optional :: remains
-    !! then: how much is not carried, and where
+    character(len=:), allocatable, intent(inout) :: remains   !! then: how much, and where
     type(load_scale_t) :: scale
     type(trial_t) :: state
 
@@ -102,8 +101,7 @@ contains
     type(load_scale_t), intent(inout) :: scale
     logical, intent(out) :: stands             !! false: soils cannot carry the loads
     type(error_t), intent(inout) :: err
-    character(len=:), allocatable, intent(out), optional :: remains
-    !! then: how much is not carried, and where
+    character(len=:), allocatable, intent(inout) :: remains   !! then: how much, and where
     type(material_set_t) :: soils, elastic
     type(implicit_system_t) :: system         ! of the elastic solutions, if they are direct
     type(point_set_t) :: particles, surface   ! before all motion
@@ -166,10 +164,8 @@ contains
       if (err%failed()) return
       call take_strains(model, elastic, stress, err)
     end do
-    if (present(remains)) then
-      remains = to_text(100.0_wp*norm/scale%loads, 2)//' % of the loads are not carried, '// &
-                'around '//vector_text(centre_of(model, residual) + model%scene%local_origin)//' m'
-    end if
+    remains = to_text(100.0_wp*norm/scale%loads, 2)//' % of the loads are not carried, '// &
+              'around '//vector_text(centre_of(model, residual) + model%scene%local_origin)//' m'
   end subroutine relax_soils
 
   function elastic_parts(soils) result(elastic)

@@ -86,7 +86,13 @@ contains
     status = status_failed
     if (report(model, problems, err)) return
     call signals_watch()
+    model%asked_to_end => signal_received
     call advance(model, integrator, files, search, len(restart) == 0, status, err)
+    if (model%is_interrupted) then
+      call model%log%info(err%message)
+      status = status_stopped
+      return
+    end if
     if (report(model, problems, err)) return
     call summarise(model, search, status)
   end subroutine run_scene

@@ -15,6 +15,7 @@ module dosui_equilibrium
   use dosui_error, only: error_t
   use dosui_hourglass, only: add_hourglass_forces
   use dosui_implicit_system, only: find_empty, implicit_system_t, is_small
+  use dosui_interruption, only: look_for_interruption
   use dosui_isotropic_model, only: isotropic_model_t
   use dosui_linear_elastic, only: linear_elastic_t
   use dosui_materials, only: material_set_t
@@ -29,13 +30,15 @@ module dosui_equilibrium
   private
 
   integer, parameter :: iteration_limit = 200000
+  integer, parameter :: look_interval = 16            !! iterations between looks at signals
   integer, parameter :: cycle_limit = 8               !! restarts from the true residual
   real(wp), parameter :: cycle_reduction = 1.0e-9_wp  !! of the residual before a restart [-]
   real(wp), parameter :: round_off = 3.0e-14_wp       !! residual over the loads [-]
   real(wp), parameter :: noise = 1.0e-14_wp           !! residual over unbalanced stresses [-]
   real(wp), parameter :: near_round_off = 1.0e-11_wp  !! over both, where progress may end [-]
   integer, parameter :: patience = 200                !! iterations without progress there
-  integer, parameter :: least_patience = 5000         !! likewise anywhere, or one per unknown
+  integer, parameter :: least_hope = 5000             !! iterations without progress elsewhere ...
+  real(wp), parameter :: hope = 3.0_wp                !! ... or so many for each unknown [-]
   real(wp), parameter :: acceptable = 1.0e-8_wp       !! at the end, or it is an error [-]
 
   integer, parameter :: correction_limit = 3000        !! initial-stress iterations
@@ -123,6 +126,7 @@ contains
     if (state%is_direct) state%is_direct = .not. hangs_on_walls(model)
     do k = 1, correction_limit + 1
       call model%comm%agree(err)
+      call look_for_interruption(model, err)
       if (err%failed()) return
       model%relaxing = .true.
       call find_residual(model, state, residual, norm)
@@ -425,10 +429,11 @@ contains
     integer, intent(inout) :: n_iteration
     type(error_t), intent(inout) :: err
     real(wp), allocatable :: direction(:, :), trial(:, :), motion(:, :)
+    real(wp), allocatable :: least(:, :)   ! residual when it was last halved
     real(wp) :: square, new_square, best_square, curvature, length, trial_length, norm, way_square
-    integer :: n_idle, n_hopeless
+    real(wp) :: most_idle   ! iterations without progress
+    integer :: n_idle
 
-    n_hopeless = max(least_patience, count_moving(model, residual))
     allocate (direction, source=residual)
     allocate (motion, mold=residual)
     allocate (trial, mold=residual)
@@ -437,6 +442,8 @@ contains
     way_square = square
     best_square = square
     n_idle = 0
+    least = residual
+    most_idle = max(real(least_hope, wp), hope*unknowns(model))
     trial_length = first_length(model)
     do
       motion = motion + trial_length*direction
@@ -446,6 +453,8 @@ contains
       trial = (residual - trial)/trial_length      ! what the operator makes of the direction
       curvature = mass_product(model, direction, trial)
       n_iteration = n_iteration + 1
+      if (mod(n_iteration, look_interval) == 0) call look_for_interruption(model, err)
+      if (err%failed()) return
       if (.not. (curvature > soft*way_square/first_length(model) .and. &
                  curvature <= huge(1.0_wp))) then
         motion = -trial_length*direction
@@ -464,10 +473,19 @@ contains
       if (new_square < 0.25_wp*best_square) then
         best_square = new_square
         n_idle = 0
+        least = residual
       else if (n_idle > patience .and. new_square <= small_norm**2) then
         exit
       end if
-      if (n_iteration >= iteration_limit .or. n_idle > n_hopeless) then
+      if (n_idle > most_idle) then
+        call err%set('the start found no equilibrium: '//to_text(n_idle)//' iterations have '// &
+                     'not halved a residual of '//to_text(sqrt(best_square)/scale%loads, 2)// &
+                     ' of the loads around '//vector_text(centre_of(model, least) + &
+                                                          model%scene%local_origin)// &
+                     ' m; is the body held there by its mechanical conditions?')
+        return
+      end if
+      if (n_iteration >= iteration_limit) then
         call err%set('the start found no equilibrium in '//to_text(n_iteration)// &
                      ' iterations: the residual is '//to_text(sqrt(best_square)/scale%loads, 2)// &
                      ' of the loads at best, now around '// &
@@ -481,6 +499,19 @@ contains
     end do
     call move_by(model, state, motion, err)
   end subroutine conjugate_gradients
+
+  real(wp) function unknowns(model) result(n)
+    !! Components of motion of all nodes with mass. Collective.
+    type(model_t), intent(in) :: model
+    integer :: i
+
+    n = 0.0_wp
+    do i = 1, model%grid%n_node
+      if (.not. model%grid%node_map%is_owned(i)) cycle
+      if (model%skeleton%nodal(1, i) > light_node_mass(model)) n = n + real(ndim, wp)
+    end do
+    n = model%comm%sum(n)
+  end function unknowns
 
   subroutine look_twice(model, state, direction, scale, trial_length, trial, curvature, err)
     !! The energy of a direction that seems to have none, from a motion so large that round-off of
@@ -544,19 +575,6 @@ contains
     call model%comm%sum_array(sums)
     strain = sqrt(sums(1)/sums(2))
   end function strain_size
-
-  integer function count_moving(model, motion) result(n)
-    !! Components of a nodal field that are not zero. Collective.
-    type(model_t), intent(in) :: model
-    real(wp), intent(in) :: motion(:, :)   !! (ndim, n_node)
-    integer :: i
-
-    n = 0
-    do i = 1, model%grid%n_node
-      if (model%grid%node_map%is_owned(i)) n = n + count(abs(motion(:, i)) > 0.0_wp)
-    end do
-    n = model%comm%sum(n)
-  end function count_moving
 
   function describe_mechanism(model, motion, is_rigid) result(text)
     !! Where a motion without resistance is, and where it goes. Collective.

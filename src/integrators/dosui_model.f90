@@ -62,6 +62,8 @@ module dosui_model
     type(error_t) :: fault           !! the first impossible state of this rank ...
     real(wp) :: fault_time = 0.0_wp  !! ... and when: all ranks look now and then [s]
     logical :: relaxing = .false.    !! an equilibrium is sought: particles keep their places
+    procedure(asked_to_end), pointer, nopass :: asked_to_end => null()   !! starts look at it
+    logical :: is_interrupted = .false.   !! a start has ended because it was asked to
     type(point_set_t) :: particles
     type(particle_handles_t) :: p
     type(point_set_t) :: surface     !! points on the body's surface
@@ -79,4 +81,11 @@ module dosui_model
     type(decomposition_t) :: decomposition
     type(scales_t) :: scales
   end type model_t
+
+  abstract interface
+    logical function asked_to_end()
+      !! Has this rank been asked to end, by a signal?
+      implicit none
+    end function asked_to_end
+  end interface
 end module dosui_model

@@ -124,6 +124,8 @@ contains
       self%solver%is_start = .false.
       model%relaxing = .false.
       if (.not. failure%failed()) exit
+      if (model%is_interrupted) err = failure
+      if (model%is_interrupted) return
       call self%solver%go_back(model, err)
       if (.not. err%failed()) call self%solver%turn_safe(model, failure%message, changed, err)
       if (err%failed()) return

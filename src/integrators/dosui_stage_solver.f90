@@ -8,6 +8,7 @@ module dosui_stage_solver
   use dosui_formulation, only: formulation_t, stage_data_t
   use dosui_hourglass, only: elastic_tangent
   use dosui_implicit_system, only: implicit_system_t
+  use dosui_interruption, only: look_for_interruption
   use dosui_model, only: model_t
   use dosui_pore_water, only: add_pressure
   use dosui_rigid_skeleton, only: rigid_skeleton_t
@@ -229,6 +230,7 @@ contains
     call evaluate(self, model, stage, motion, pressure, err)
     n_idle = 0
     do k = 1, merge(start_limit, newton_limit, self%is_start)
+      if (model%relaxing) call look_for_interruption(model, err)
       if (err%failed()) return
       call find_increment(self, model, stage, pressure, err)
       if (err%failed()) exit

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import os
 import re
+import signal
+import subprocess
+import time
 from pathlib import Path
 
 import numpy as np
@@ -138,3 +141,89 @@ def test_steady_flow_misses_little(dosui: Runner) -> None:
     assert missing <= 0.1
     inflow = done.history("ground", "inflow_base")[-1]
     assert inflow == pytest.approx(1.0e-8 / 4.0 * 4.0 * 1.0e9, rel=1e-2)
+
+
+# ---------------------------------------------------------------- starts that do not end
+
+SLIDING = """
+&scene dimension = 2 integrator = 'explicit' water = 'coupled' gravity = 0.0, 0.0 /
+&grid spacing = 0.25 shape_function = 'gimp' /
+&time end_time = 0.04 maximum_steps = 8 undrained_start = .true. /
+&water bulk_modulus = 6.5e8 /
+&material name = 'soil' young_modulus = 2.1e5 poisson_ratio = 0.45 porosity = 0.5
+  hydraulic_conductivity = 1.0e-4 /
+&region name = 'body' material = 'soil' box_min = 0.0, 0.0 box_max = 1.0, 1.0
+  shape_angle = -23.0 /
+&surface name = 'left' region = 'body' face = 'x-' /
+&surface name = 'base' region = 'body' face = 'z-' /
+&mechanical_condition surface = 'left' kind = 'roller' /
+&mechanical_condition surface = 'base' kind = 'pressure' value = 204.7 /
+&output name = 'run' /
+"""
+
+
+@pytest.mark.parametrize("ranks", [1, 2])
+def test_hopeless_start_ends(dosui: Runner, ranks: int) -> None:
+    """A slanted body that slides along its wall, in almost incompressible water: a soft enough
+    motion that it is not known as one without resistance. It ends in seconds, not after 200000
+    iterations, and says what to look at."""
+    done = dosui(SLIDING, ranks=ranks, timeout=60)
+    assert done.status == 1, done.stdout
+    assert "the start found no equilibrium" in done.stderr
+    assert "held" in done.stderr and "by its mechanical conditions?" in done.stderr
+    where = re.search(r"around \((.*?), (.*?)\) m", done.stderr)
+    assert where is not None
+    assert np.hypot(float(where[1]) - 0.5, float(where[2]) - 0.5) < 0.8
+
+
+LONG_START = """
+&scene dimension = 2 integrator = '{integrator}' water = 'coupled' gravity = 0.0, -9.81 /
+&grid spacing = {spacing} /
+&time end_time = 1.0 {start} /
+&material name = 'soil' model = 'mohr_coulomb' young_modulus = 1.0e7 poisson_ratio = 0.3
+  cohesion = 3.0e3 friction_angle = 20.0 porosity = 0.4 hydraulic_conductivity = 1.0e-6 /
+&region name = 'body' material = 'soil' box_min = 0.0, 0.0 box_max = 8.0, 4.0
+  shape_angle = 3.0 /
+&surface name = 'base' region = 'body' face = 'z-' /
+&surface name = 'left' region = 'body' face = 'x-' /
+&mechanical_condition surface = 'base' kind = 'fixed' /
+&mechanical_condition surface = 'left' kind = 'roller' /
+&output name = 'run' /
+"""
+
+
+@pytest.mark.parametrize(
+    "integrator, start, number",
+    [
+        ("explicit", "undrained_start = .true.", signal.SIGTERM),
+        ("explicit", "undrained_start = .true.", signal.SIGINT),
+        ("explicit", "geostatic_start = .true.", signal.SIGXCPU),
+        ("quasi_static", "", signal.SIGTERM),
+    ],
+)
+def test_signal_ends_a_start(
+    tmp_path: Path, integrator: str, start: str, number: signal.Signals
+) -> None:
+    """A signal while an equilibrium is sought: status 3 at once, and a sentence."""
+    spacing = 0.05 if integrator == "quasi_static" else 0.1
+    (tmp_path / "scene.nml").write_text(
+        LONG_START.format(integrator=integrator, start=start, spacing=spacing)
+    )
+    process = subprocess.Popen(
+        [str(BIN / "dosui"), "scene.nml"],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+    assert process.stdout is not None
+    for line in process.stdout:
+        if line.startswith("wall         left"):
+            break
+    time.sleep(0.6)
+    assert process.poll() is None
+    process.send_signal(number)
+    rest, _ = process.communicate(timeout=60)
+    assert process.returncode == 3, rest
+    assert "stopped by a signal while the start sought the equilibrium at t = 0 s" in rest
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["scene.nml"]

@@ -164,8 +164,8 @@ SLIDING = """
 
 @pytest.mark.parametrize("ranks", [1, 2])
 def test_hopeless_start_ends(dosui: Runner, ranks: int) -> None:
-    """A slanted body that slides along its wall, in almost incompressible water. It ends in seconds,
-    not after 200000 iterations, and says where and which way the body gives way: along the wall."""
+    """A slanted body that slides along its wall, in almost incompressible water. It ends in
+    seconds, not after 200000 iterations, and says where it gives way, and that along the wall."""
     done = dosui(SLIDING, ranks=ranks, timeout=60)
     assert done.status == 1, done.stdout
     assert "the start found no equilibrium" in done.stderr

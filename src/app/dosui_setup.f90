@@ -55,7 +55,6 @@ contains
     model%finite = scene%deformation == 'finite'
     model%skeleton%centred = model%skeleton%averaged .and. &
                              scene%mechanics%coupling_gradient /= 'particle'
-    call model%scene%prepare_functions()
     call prepare_conditions(model)
     n = size(scene%hydraulic_condition)
     allocate (model%water%condition_surface(n))

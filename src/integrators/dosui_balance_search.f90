@@ -103,8 +103,8 @@ contains
       i = model%water%surface_flux%particle(e)
       if (.not. (model%water%surface_flux%is_head(e) .and. is_contact(model, place(i)))) cycle
       s = surface_of(model, p)
-      inflow = -model%water%surface_flux%share(e)*model%surface%field(model%s%area)%values(1, &
-                                                                                          p)*flux(e)
+      inflow = -model%water%surface_flux%share(e)*model%surface%field(model%s%area)%values(1, p)* &
+               flux(e)
       rate(s) = rate(s) + inflow
       rate(place(i)) = rate(place(i)) - inflow
     end do

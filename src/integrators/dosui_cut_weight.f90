@@ -246,9 +246,8 @@ contains
           of_particle = initial_stress_change(model%scene, model%material(p), model%coupled, x, &
                                               at(:, c) - x)
         end associate
-        change(:, c) = change(:, c) + model%mesh%weight(p)/whole(merge(g, model%mesh%cell(p), &
-                                                                       by_group))* &
-                       of_particle
+        change(:, c) = change(:, c) + model%mesh%weight(p)/ &
+                       whole(merge(g, model%mesh%cell(p), by_group))*of_particle
       end do
     end do
     call model%grid%cell_map%sum_copies(model%comm, nsig, change)

@@ -308,8 +308,8 @@ contains
     call find_empty(model, is_empty)
     hangs = .false.
     do i = 1, model%grid%n_node
-      hangs = hangs .or. any(is_empty(:, i)) .and. model%skeleton%nodal(1, &
-                                                                        i) > light_node_mass(model)
+      hangs = hangs .or. any(is_empty(:, i)) .and. &
+              model%skeleton%nodal(1, i) > light_node_mass(model)
     end do
     hangs = model%comm%any(hangs)
   end function hangs_on_walls

@@ -88,9 +88,8 @@ contains
     if (model%water%substeps > most_substeps) then
       call err%set('a step of '//to_text(model%clock%dt, 3)//' s needs more than '// &
                    to_text(most_substeps)//' sub-steps of the water, whose explicit limit is '// &
-                   to_text(model%water%diffusion_limit, &
-                           3)//' s: a smaller time_step, or an implicit '// &
-                   'integrator')
+                   to_text(model%water%diffusion_limit, 3)//' s: a smaller time_step, or an '// &
+                   'implicit integrator')
       return
     end if
     if (.not. model%rigid) then

@@ -59,8 +59,8 @@ contains
 
     motion = model%skeleton%nodal(2:, :)
     do i = 1, model%grid%n_node
-      if (.not. (model%skeleton%nodal(1, &
-                                      i) > least_mass .or. model%mesh%extension%in_strip(i))) then
+      if (.not. (model%skeleton%nodal(1, i) > least_mass .or. &
+                 model%mesh%extension%in_strip(i))) then
         motion(ndim + 1:, i) = 0.0_wp
       end if
       do a = 1, ndim

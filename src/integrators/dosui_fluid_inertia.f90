@@ -109,9 +109,9 @@ contains
     end if
     allocate (push(ndim, model%grid%n_node))
     do i = 1, model%grid%n_node
-      push(:, i) = model%water%mobility(1, i)*((model%skeleton%velocity(:, &
-                                                          i) - model%skeleton%velocity_old(:, i))/ &
-                                               model%clock%dt + shaking)
+      associate (change => model%skeleton%velocity(:, i) - model%skeleton%velocity_old(:, i))
+        push(:, i) = model%water%mobility(1, i)*(change/model%clock%dt + shaking)
+      end associate
     end do
     if (model%skeleton%centred) then
       allocate (strain(nsig, model%grid%n_cell), mean(model%grid%n_cell))

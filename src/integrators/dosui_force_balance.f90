@@ -91,8 +91,8 @@ contains
         has = .false.
         do c = 1, size(walls%wall_of)
           if (walls%wall_of(c) == 0) cycle
-          if (model%skeleton%on_nodes(c, p) .or. model%skeleton%by_force(c, &
-                                                                  p)) has(walls%wall_of(c)) = .true.
+          if (model%skeleton%on_nodes(c, p) .or. &
+              model%skeleton%by_force(c, p)) has(walls%wall_of(c)) = .true.
         end do
         if (.not. any(has)) cycle
         place = field(h%position)%values(:, p) - model%scene%grid_origin
@@ -311,7 +311,7 @@ contains
     real(wp) :: inverse, carried   ! mass in the particles' momentum [kg]
     real(wp), allocatable :: change(:, :)   ! of momenta, where nodes follow others
     real(wp), allocatable :: later(:, :)    ! `push` there
-    integer :: a, i
+    integer :: a, c, i
     logical :: is_held
 
     call model%skeleton%nodal_conditions%holders(holder)
@@ -340,8 +340,8 @@ contains
         if (allocated(later)) more = later(:, i)
         if (allocated(reactions%by_walls)) more = more + reactions%by_walls(:, i)
         inverse = 0.0_wp
-        if (model%skeleton%nodal(1, &
-                            i) > tiny(1.0_wp)*1.0e20_wp) inverse = 1.0_wp/model%skeleton%nodal(1, i)
+        if (model%skeleton%nodal(1, i) > tiny(1.0_wp)*1.0e20_wp) inverse = &
+          1.0_wp/model%skeleton%nodal(1, i)
         inertia = (model%skeleton%velocity(:, i) - share(i)*model%skeleton%velocity_old(:, i) - &
                    (1.0_wp - share(i))*model%skeleton%nodal(2:1 + ndim, i)*inverse)/dt
         carried = model%skeleton%nodal(1, i)
@@ -364,9 +364,8 @@ contains
           rest = 0.0_wp
           rest(a) = inertia(a) - force(a) - more(a)
           if (is_held) then
-            call reactions%add(reactions%wall_of(model%skeleton%nodal_conditions%condition( &
-                                                 holder(a, i))), &
-                               place_of(model, i), rest)
+            c = model%skeleton%nodal_conditions%condition(holder(a, i))
+            call reactions%add(reactions%wall_of(c), place_of(model, i), rest)
           else if (.not. model%skeleton%nodal(1, i) > least_mass) then
             total(:, of_light_nodes) = total(:, of_light_nodes) + rest
             reactions%gross = reactions%gross + abs(rest(a))
@@ -386,7 +385,7 @@ contains
     integer :: holder(ndim, model%grid%n_node)
     real(wp), allocatable :: place(:, :)
     real(wp) :: rest(ndim)
-    integer :: a, i
+    integer :: a, c, i
 
     call model%skeleton%nodal_conditions%holders(holder)
     call add_weight(model)
@@ -397,9 +396,8 @@ contains
         if (holder(a, i) == 0) cycle
         rest = 0.0_wp
         rest(a) = -force(a, i)
-        call model%reactions%add(model%reactions%wall_of( &
-                                 model%skeleton%nodal_conditions%condition(holder(a, i))), &
-                                 place(:, i), rest)
+        c = model%skeleton%nodal_conditions%condition(holder(a, i))
+        call model%reactions%add(model%reactions%wall_of(c), place(:, i), rest)
       end do
     end do
     call end_sum(model)

@@ -532,9 +532,8 @@ contains
                        share => self%unknowns%share, place => ndim*(node - 1) + a)
               do j = start(place), start(place + 1) - 1
                 do i = start(place), start(place + 1) - 1
-                  call skeleton%add(row(i), row(j), share(i)*share(j)*model%skeleton%nodal(1, &
-                                                                                           node)* &
-                                    self%length/self%force)
+                  call skeleton%add(row(i), row(j), &
+                             share(i)*share(j)*model%skeleton%nodal(1, node)*self%length/self%force)
                 end do
               end do
             end associate
@@ -708,8 +707,8 @@ contains
     integer :: n_storage
 
     call add_storage(self, model, storage, coupling)
-    if (model%nonlinear .or. model%water%switching) self%storage_place = storage_places(self, &
-                                                                                        storage)
+    if (model%nonlinear .or. model%water%switching) self%storage_place = &
+      storage_places(self, storage)
     if (model%unsaturated) call add_capacity(self, model, storage, coupling)
     n_storage = storage%n
     call coupling%finish()

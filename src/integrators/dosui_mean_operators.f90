@@ -1,7 +1,7 @@
 !! Strain operators of a cell's particles, with the means of its parts and the lifts of its walls.
 module dosui_mean_operators
   use dosui_kinds, only: wp
-  use dosui_dimension, only: n_volume, ndim, nsig, volume_slot
+  use dosui_dimension, only: ndim, nsig, volume_slot
   use dosui_model, only: model_t
   use dosui_stiffness, only: cell_operators_t, cell_strain_operators
   implicit none
@@ -99,12 +99,8 @@ contains
   pure real(wp) function trace_of(strain) result(trace)
     !! Volume strain over the scene's directions.
     real(wp), intent(in) :: strain(nsig)
-    integer :: a
 
-    trace = 0.0_wp
-    do a = 1, n_volume
-      trace = trace + strain(volume_slot(a))
-    end do
+    trace = sum(strain(volume_slot))
   end function trace_of
 
   subroutine operators_of_cell(model, cell, particle, means, operators)

@@ -118,10 +118,8 @@ contains
       if (err%failed()) return
       failure = error_t()
       model%relaxing = .true.
-      self%solver%is_start = .true.
       call self%solver%solve(model, model%clock%time, 0.0_wp, before, .false., motion, pressure, &
                              failure)
-      self%solver%is_start = .false.
       model%relaxing = .false.
       if (.not. failure%failed()) exit
       if (model%is_interrupted) err = failure
@@ -148,8 +146,8 @@ contains
     call self%report_forces(model, model%clock%time, motion)
     if (.not. model%coupled) return
     if (self%solver%formulation%follows_places) call wet_masses(model, before, before + pressure)
-    model%scales%pressure_scale = max(model%scales%pressure_scale, root_mean_square(model, &
-                                                                                    pressure))
+    model%scales%pressure_scale = max(model%scales%pressure_scale, &
+                                      root_mean_square(model, pressure))
   end subroutine quasi_static_settle
 
   subroutine quasi_static_step(self, model, err)

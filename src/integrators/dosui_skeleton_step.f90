@@ -432,8 +432,7 @@ contains
     do i = 1, model%grid%n_node
       if (.not. model%grid%node_map%is_owned(i)) cycle
       model%balance%wall_impulse = model%balance%wall_impulse + &
-                                   model%skeleton%nodal(1, i)*(model%skeleton%velocity(:, &
-                                                                                  i) - before(:, i))
+                           model%skeleton%nodal(1, i)*(model%skeleton%velocity(:, i) - before(:, i))
     end do
   end subroutine book_wall_impulse
 
@@ -710,8 +709,8 @@ contains
     call model%mesh%average%group_sums(model%comm, model%grid, nsig, lift)
     do c = 1, model%grid%n_cell
       if (model%mesh%quadrature%has_groups) then
-        strain(:, c) = strain(:, c) + lift(:, &
-                                           c)*(model%clock%dt*model%mesh%average%group_inverse(c))
+        strain(:, c) = strain(:, c) + lift(:, c)* &
+                       (model%clock%dt*model%mesh%average%group_inverse(c))
       else if (model%mesh%quadrature%measure(c) > 0.0_wp) then
         strain(:, c) = strain(:, c) + lift(:, c)*(model%clock%dt/model%mesh%quadrature%measure(c))
       end if

@@ -36,7 +36,6 @@ module dosui_stage_solver
     type(implicit_system_t) :: system
     class(formulation_t), allocatable :: formulation
     integer :: n_newton = 0               !! iterations so far
-    logical :: is_start = .false.         !! an equilibrium is sought that no step leads to
     real(wp) :: stiffening = 0.0_wp       !! share of elasticity in tangents [-]
     character(len=:), allocatable :: trouble   !! where the last stage without solution had it
     logical, private :: is_moved = .false.     !! the state is not that of the step's start
@@ -229,7 +228,7 @@ contains
     call self%formulation%move_to(model, motion, err)
     call evaluate(self, model, stage, motion, pressure, err)
     n_idle = 0
-    do k = 1, merge(start_limit, newton_limit, self%is_start)
+    do k = 1, merge(start_limit, newton_limit, model%relaxing)
       if (model%relaxing) call look_for_interruption(model, err)
       if (err%failed()) return
       call find_increment(self, model, stage, pressure, err)
@@ -523,8 +522,8 @@ contains
     if (.not. allocated(model%skeleton%tangent)) return
     do p = 1, model%particles%count
       call elastic_tangent(model, p, tangent)
-      model%skeleton%tangent(:, :, p) = (1.0_wp - share)*model%skeleton%tangent(:, :, &
-                                                                                p) + share*tangent
+      model%skeleton%tangent(:, :, p) = (1.0_wp - share)*model%skeleton%tangent(:, :, p) + &
+                                        share*tangent
     end do
   end subroutine stiffen
 

@@ -70,9 +70,9 @@ contains
       do p = 1, n
         if (conditions%kind(p) /= kind_head) cycle
         associate (retention => model%water%retention(nint(field(model%s%material)%values(1, p))))
-          model%water%point_relative(p) = retention%relative_conductivity( &
-                                          model%scene%water%unit_weight* &
-                                          (conditions%datum(p) - elevation(p)))
+          model%water%point_relative(p) = &
+            retention%relative_conductivity(model%scene%water%unit_weight* &
+                                            (conditions%datum(p) - elevation(p)))
         end associate
       end do
     end associate
@@ -85,10 +85,9 @@ contains
 
     if (.not. model%updated) return
     do p = 1, model%particles%count
-      model%water%elevation(p) = elevation_of(model%particles%field(model%p%position)%values(:, &
-                                                                                             p), &
-                                              model%scene%water%density, model%scene%gravity, &
-                                              model%scene%water%unit_weight)
+      model%water%elevation(p) = &
+        elevation_of(model%particles%field(model%p%position)%values(:, p), &
+                     model%scene%water%density, model%scene%gravity, model%scene%water%unit_weight)
     end do
   end subroutine set_elevation
 
@@ -150,11 +149,12 @@ contains
     if (allocated(model%water%relative)) then
       if (size(model%water%relative) /= size(model%water%head)) deallocate (model%water%relative)
     end if
-    if (.not. allocated(model%water%relative)) allocate (model%water%relative(size( &
-                                                                  model%water%head)), source=1.0_wp)
+    if (.not. allocated(model%water%relative)) then
+      allocate (model%water%relative(size(model%water%head)), source=1.0_wp)
+    end if
     do p = 1, model%particles%count
-      model%water%relative(p) = model%water%retention(model%material(p))%relative_conductivity( &
-                                pressure(p))
+      model%water%relative(p) = &
+        model%water%retention(model%material(p))%relative_conductivity(pressure(p))
     end do
     call model%water%particle_map%gather(model%comm, 1, model%water%relative)
   end subroutine prepare_flow

@@ -514,7 +514,7 @@ contains
 
     type(wall_t) :: wall
 
-    wall = self%wall()
+    wall = wall_of(self%kind)
     is_load = .not. wall%holds
   end function mechanical_condition_is_load
 
@@ -524,7 +524,7 @@ contains
 
     type(wall_t) :: wall
 
-    wall = self%wall()
+    wall = wall_of(self%kind)
     moves = wall%is_plate() .or. wall%is_guided()
   end function mechanical_condition_moves_wall
 

@@ -406,6 +406,7 @@ contains
     scene%mechanics%transfer = scene%transfer_in_force()
     call check_scene(scene, namelist, problems)
     call check_combinations(scene, namelist, problems)
+    if (problems%count() == 0) call scene%prepare_functions()
     if (present(only_check)) then
       if (only_check) return
     end if

@@ -353,27 +353,24 @@ contains
     !! Tables that no formula calls.
     type(checker_t), intent(inout) :: checker
     type(scene_t), intent(in) :: scene
-    type(scene_t) :: ready
     character(len=table_name_length) :: name
     logical :: is_used
     integer :: k, c
 
-    ready = scene
-    call ready%prepare_functions()
     do k = 1, size(scene%table)
       name = scene%table(k)%name
-      is_used = ready%source%water%uses(name) .or. ready%base_motion%pattern%uses(name)
-      do c = 1, size(ready%source%force)
-        is_used = is_used .or. ready%source%force(c)%uses(name)
+      is_used = scene%source%water%uses(name) .or. scene%base_motion%pattern%uses(name)
+      do c = 1, size(scene%source%force)
+        is_used = is_used .or. scene%source%force(c)%uses(name)
       end do
-      do c = 1, size(ready%mechanical_condition)
-        is_used = is_used .or. ready%mechanical_condition(c)%pattern%uses(name)
+      do c = 1, size(scene%mechanical_condition)
+        is_used = is_used .or. scene%mechanical_condition(c)%pattern%uses(name)
       end do
-      do c = 1, size(ready%hydraulic_condition)
-        is_used = is_used .or. ready%hydraulic_condition(c)%pattern%uses(name)
+      do c = 1, size(scene%hydraulic_condition)
+        is_used = is_used .or. scene%hydraulic_condition(c)%pattern%uses(name)
       end do
-      do c = 1, size(ready%material)
-        is_used = is_used .or. ready%material(c)%calls(name)
+      do c = 1, size(scene%material)
+        is_used = is_used .or. scene%material(c)%calls(name)
       end do
       if (.not. is_used) call checker%complain('table', k, 'name', 'no formula calls it')
     end do

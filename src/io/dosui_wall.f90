@@ -31,10 +31,11 @@ module dosui_wall
 contains
 
   pure function wall_of(kind, value, factor) result(wall)
-    !! The wall of a kind; one that holds nothing for the kinds of loads.
+    !! The wall of a kind; one that holds nothing for the kinds of loads. The kind alone tells what
+    !! it holds and what moves it.
     character(len=*), intent(in) :: kind
-    real(wp), intent(in) :: value(ndim)   !! velocity [m/s], or force of a plate [N]
-    type(table_t), intent(in) :: factor   !! on it, over time [-]
+    real(wp), intent(in), optional :: value(ndim)   !! velocity [m/s], or force of a plate [N]
+    type(table_t), intent(in), optional :: factor   !! on it, over time [-]
     type(wall_t) :: wall
 
     select case (kind)
@@ -43,13 +44,16 @@ contains
     case ('roller')
       wall = wall_t(.true., .false.)
     case ('velocity')
-      wall = wall_t(.true., .true., by_vector, value, factor)
+      wall = wall_t(.true., .true., by_vector)
     case ('normal_velocity')
-      wall = wall_t(.true., .false., along_normal, value, factor)
+      wall = wall_t(.true., .false., along_normal)
     case ('plate')
-      wall = wall_t(.true., .false., by_force, value, factor)
+      wall = wall_t(.true., .false., by_force)
     case default   ! a load
     end select
+    if (wall%moved == by_nothing) return
+    if (present(value)) wall%value = value
+    if (present(factor)) wall%factor = factor
   end function wall_of
 
   pure function wall_held(self, motion, normal) result(held)

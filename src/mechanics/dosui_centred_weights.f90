@@ -97,8 +97,7 @@ contains
       sums(:, cell(p)) = sums(:, cell(p)) + &
                          weight(p)*[1.0_wp, place(:, p), [(place(a, p)*place(:, p), a=1, ndim)]]
     end do
-    call grid%cell_map%scatter_add(comm, width, sums)
-    call grid%cell_map%gather(comm, width, sums)
+    call grid%cell_map%sum_copies(comm, width, sums)
     slope = 0.0_wp
     do c = 1, grid%n_cell
       is_done(c) = is_done(c) .or. .not. sums(1, c) > 0.0_wp
@@ -153,8 +152,7 @@ contains
     do p = 1, n
       sums(:, cell(p)) = sums(:, cell(p)) + weight(p)*[1.0_wp, factor(p)]
     end do
-    call grid%cell_map%scatter_add(comm, 2, sums)
-    call grid%cell_map%gather(comm, 2, sums)
+    call grid%cell_map%sum_copies(comm, 2, sums)
     do p = 1, n
       weight(p) = weight(p)*factor(p)*(sums(1, cell(p))/sums(2, cell(p)))
     end do

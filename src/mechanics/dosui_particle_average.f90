@@ -68,7 +68,6 @@ contains
         nodal(node) = nodal(node) + weight(:, p)*values(p)
       end associate
     end do
-    call grid%node_map%scatter_add(comm, 1, nodal)
-    call grid%node_map%gather(comm, 1, nodal)
+    call grid%node_map%sum_copies(comm, 1, nodal)
   end subroutine sum_at_nodes
 end module dosui_particle_average
